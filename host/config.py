@@ -1,0 +1,187 @@
+"""robot.toml → typed configuration: everything about one robot, in one strict file.
+
+Units stand in the names (`_m`, `_rad`, `_s`, ...). An unknown key, a wrong unit or a value out
+of range is an error that names the key, the line and the bound. Every value has a working default.
+"""
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Literal, cast
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from host.errors import UserError
+
+
+class Section(BaseModel):
+    """A table of robot.toml: immutable, unknown keys refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Wheels(Section):
+    """The differential drive (eq. 31–32) and the noise of its odometry."""
+
+    left_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
+    right_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
+    track_m: float = Field(0.144, gt=0.02, lt=2.0)
+    counts_per_turn: int = Field(1920, ge=4, le=100_000)
+    distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m, grows with its root
+    heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std after 1 rad, grows with its root
+    max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
+    max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
+
+
+class Board(Section):
+    """The Romeo board: `auto` finds it by its USB ids."""
+
+    port: str = "auto"
+
+
+class BlindSector(Section):
+    """Where a pillar of the robot's own camera holder hides the view."""
+
+    centre_rad: float = Field(ge=-math.pi, le=math.pi)
+    width_rad: float = Field(gt=0.0, lt=math.pi)
+
+
+def _pillars() -> tuple[BlindSector, ...]:
+    degrees = (45.0, 135.0, -135.0, -45.0)
+    return tuple(
+        BlindSector(centre_rad=round(math.radians(d), 4), width_rad=0.1047) for d in degrees
+    )
+
+
+class Lidar(Section):
+    """The lidar: port, mounting in the robot frame, and what it sees of a teammate."""
+
+    port: str = "auto"
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    delay_s: float = Field(0.0, ge=-0.5, le=1.0)
+    target_diameter_m: float = Field(0.065, gt=0.01, lt=1.0)
+    range_noise_m: float = Field(0.006, gt=0.0, lt=0.5)  # std of one sample at 1 m
+    max_range_m: float = Field(3.0, gt=0.1, le=12.0)  # detections beyond are not used
+    detection_probability: float = Field(0.95, gt=0.0, lt=1.0)  # close by, in plain view
+    half_range_m: float = Field(2.4, gt=0.1, lt=12.0)  # where it has fallen to one half
+    range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
+    clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections a turn
+    blind_sectors: tuple[BlindSector, ...] = Field(default_factory=_pillars)
+
+
+class Camera(Section):
+    """The cameras, as one sensor of bearings."""
+
+    delay_s: float = Field(0.15, ge=0.0, le=2.0)
+    bearing_noise_rad: float = Field(0.0873, gt=0.0, lt=1.0)
+    max_range_m: float = Field(6.0, gt=0.1, le=12.0)
+    detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
+    half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
+    range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
+    clutter_per_rad: float = Field(0.02, gt=0.0, lt=100.0)  # false blobs an image pair
+
+
+class Filter(Section):
+    """Which filter runs, and the settings of `phd` (see docs/filters.md)."""
+
+    profile: Literal["phd", "perera2021"] = "phd"
+
+
+class RobotConfig(Section):
+    """robot.toml: one robot."""
+
+    name: str = "cherokey"
+    wheels: Wheels = Wheels()
+    board: Board = Board()
+    lidar: Lidar = Lidar()
+    camera: Camera = Camera()
+    filter: Filter = Filter()
+
+
+def load(path: Path) -> RobotConfig:
+    """Read robot.toml. Raises UserError naming key, line and bound for whatever is wrong in it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UserError(
+            f"cannot read the configuration {path}",
+            error.strerror or str(error),
+            "copy robots/cherokey.toml and pass its path with --robot",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{path} is not a text file", f"byte {error.start} is not UTF-8", "save it as UTF-8"
+        ) from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str = "robot.toml") -> RobotConfig:
+    """Check and convert the text of a robot.toml; `name` is what errors call it."""
+    try:
+        return RobotConfig.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{name} is not valid TOML", str(error)) from error
+    except ValidationError as error:
+        details = error.errors()
+        lines = "\n".join(_explain(detail, text) for detail in details[:5])
+        raise UserError(f"{name}: {len(details)} setting(s) cannot be used", lines) from error
+
+
+def _explain(detail: ErrorDetails, text: str) -> str:
+    location = list(detail["loc"])
+    key = ".".join(str(part) for part in location)
+    where = f"line {_line_of(location, text)}: {key}"
+    if detail["type"] == "extra_forbidden":
+        return f"{where}: no such setting{_suggestion(location)}"
+    return f"{where} = {detail['input']!r}: {detail['msg'].lower()}"
+
+
+def _suggestion(location: list[int | str]) -> str:
+    """What the user may have meant: the same quantity in another unit, or a near spelling."""
+    model: type[BaseModel] = RobotConfig
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        inner = model.model_fields[part].annotation
+        model = inner if isinstance(inner, type) else cast(type[BaseModel], BlindSector)
+    unknown, known = str(location[-1]), list(model.model_fields)
+    stem = unknown.rpartition("_")[0]
+    same = [name for name in known if stem and name.rpartition("_")[0] == stem]
+    if same:
+        return f"; the unit is wrong: write {same[0]}"
+    near = difflib.get_close_matches(unknown, known, 1)
+    return f"; did you mean {near[0]}?" if near else f"; known here: {', '.join(known)}"
+
+
+def _line_of(location: list[int | str], text: str) -> int:
+    """The line (from 1) on which the key at `location` stands; its table's where it is missing.
+
+    The TOML reader of the standard library keeps no positions, so the headers are followed here.
+    """
+    names = [str(part) for part in location if isinstance(part, str)]
+    wanted_item = next((part for part in location if isinstance(part, int)), None)
+    table: list[str] = []
+    items: dict[str, int] = {}
+    best = (0, 1)
+    for number, line in enumerate(text.splitlines(), 1):
+        header = re.match(r"\s*(\[\[?)([^\]]+)\]", line)
+        if header:
+            table = [part.strip(" \"'") for part in header[2].split(".")]
+            if header[1] == "[[":
+                items[header[2]] = items.get(header[2], -1) + 1
+            if header[1] == "[[" and wanted_item not in (None, items[header[2]]):
+                table = ["(another item)"]
+            path = table
+        else:
+            key = re.match(r"\s*([\w\"'.-]+)\s*=", line)
+            if not key:
+                continue
+            path = table + [part.strip("\"'") for part in key[1].split(".")]
+        if path == names[: len(path)] and len(path) > best[0]:
+            best = (len(path), number)
+    return best[1]

@@ -1,0 +1,14 @@
+"""The one error a user is meant to read: what happened, why, and the next step."""
+
+
+class UserError(Exception):
+    """A failure told in one to three lines.
+
+    what: the thing that failed; why: its cause, as far as it is known; next_step: what to do now.
+    """
+
+    def __init__(self, what: str, why: str = "", next_step: str = "") -> None:
+        super().__init__("\n".join(line for line in (what, why, next_step) if line))
+        self.what = what
+        self.why = why
+        self.next_step = next_step

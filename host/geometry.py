@@ -1,0 +1,116 @@
+"""Planar rigid motions, angles, and the robot's own path as its odometry tells it."""
+
+import math
+
+import numpy as np
+
+from host.messages import Displacement, FloatArray
+
+
+def wrap(angle: FloatArray | float) -> FloatArray:
+    """The same angle (rad) in [-pi, pi); any shape."""
+    return np.asarray((np.asarray(angle) + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def rotation(angle: float) -> FloatArray:
+    """R(phi) of Perera 2021 eq. 1: (2, 2), turns a vector counter-clockwise by `angle` rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def to_parent(points: FloatArray, poses: FloatArray) -> FloatArray:
+    """Points (n, 2) given in frames at `poses` (n, 3) or (3,): x, y, heading; in the parent."""
+    x, y, psi = np.asarray(poses).T
+    c, s = np.cos(psi), np.sin(psi)
+    px, py = points.T
+    return np.stack((x + c * px - s * py, y + s * px + c * py), axis=-1)
+
+
+def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
+    """Points (n, 2) of the parent frame, seen from frames at `poses` (n, 3) or (3,)."""
+    x, y, psi = np.asarray(poses).T
+    c, s = np.cos(psi), np.sin(psi)
+    px, py = points[..., 0] - x, points[..., 1] - y
+    return np.stack((c * px + s * py, c * py - s * px), axis=-1)
+
+
+class Path:
+    """The robot's recent poses, integrated from its displacements.
+
+    The frame is that of the first displacement's start. Poses between two displacements are
+    interpolated; before the first and after the last the robot is taken to stand still.
+    """
+
+    def __init__(self, keep_seconds: float = 5.0) -> None:
+        self._keep = keep_seconds
+        # Columns: time, x, y, heading (not wrapped), summed translation and heading variance.
+        self._rows = np.zeros((256, 6))
+        self._count = 0
+
+    @property
+    def end(self) -> float:
+        """Time up to which the odometry is known, s; -inf before the first displacement."""
+        return float(self._rows[self._count - 1, 0]) if self._count else -math.inf
+
+    def append(self, step: Displacement) -> None:
+        """Add the motion of one interval. One that ends no later than the last is ignored."""
+        if step.time <= self.end:
+            return
+        if not self._count:
+            self._rows[0] = (step.time - step.interval, 0.0, 0.0, 0.0, 0.0, 0.0)
+            self._count = 1
+        _, x, y, psi, translation, heading = self._rows[self._count - 1]
+        c, s = math.cos(psi), math.sin(psi)
+        if self._count == len(self._rows):
+            self._forget(step.time - self._keep)
+        self._rows[self._count] = (
+            step.time,
+            x + c * step.dx - s * step.dy,
+            y + s * step.dx + c * step.dy,
+            psi + step.dpsi,
+            translation + step.translation_variance,
+            heading + step.heading_variance,
+        )
+        self._count += 1
+
+    def _forget(self, before: float) -> None:
+        first = int(np.searchsorted(self._rows[: self._count, 0], before))
+        kept = self._rows[max(0, first - 1) : self._count]
+        size = max(256, 2 * len(kept))
+        rows = np.zeros((size, 6))
+        rows[: len(kept)] = kept
+        self._rows, self._count = rows, len(kept)
+
+    def poses(self, times: FloatArray) -> FloatArray:
+        """Poses (n, 3): x, y (m), heading (rad, not wrapped) at `times` (n,)."""
+        return self._at(np.asarray(times, dtype=float))[:, :3]
+
+    def _at(self, times: FloatArray) -> FloatArray:
+        if not self._count:
+            return np.zeros((len(times), 5))
+        rows = self._rows[: self._count]
+        return np.stack([np.interp(times, rows[:, 0], rows[:, k]) for k in range(1, 6)], axis=1)
+
+    def between(self, start: float, end: float) -> Displacement:
+        """How the robot moved from `start` to `end` (s), with the odometry's noise."""
+        first, last = self._at(np.array([start, end]))
+        dx, dy = to_frame(last[:2], first[:3])
+        return Displacement(
+            time=end,
+            interval=end - start,
+            dx=float(dx),
+            dy=float(dy),
+            dpsi=float(last[2] - first[2]),
+            translation_variance=abs(float(last[3] - first[3])),
+            heading_variance=abs(float(last[4] - first[4])),
+        )
+
+    def carry(self, points: FloatArray, times: FloatArray, to_time: float) -> FloatArray:
+        """Points (n, 2) seen in the robot frame at `times` (n,), in the robot frame at `to_time`.
+
+        The points stand still; only the robot moves.
+        """
+        if not self._count:
+            return points
+        (reference,) = self.poses(np.array([to_time]))
+        return to_frame(to_parent(points, self.poses(times)), reference)

@@ -1,0 +1,124 @@
+"""What flows through swarmloc: one frozen dataclass a kind.
+
+Every message carries `time`: the host's monotonic time of the measurement (not of its arrival),
+in seconds. Lengths in metres, angles in radians, counter-clockwise positive, x forward, y left.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One turn of the lidar, in the lidar's own frame (counter-clockwise, mounting not applied).
+
+    time: end of the turn. times (n,): of each sample. angles (n,) rad in [-pi, pi).
+    ranges (n,) m, 0 where there was no return.
+    """
+
+    time: float
+    times: FloatArray
+    angles: FloatArray
+    ranges: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """What the lidar may have seen of teammates, in the robot frame at `time`.
+
+    positions (n, 2) m, covariances (n, 2, 2) m².
+    clearance (k,) m: how far the lidar saw in each of k equal sectors that start at bearing -pi;
+    inf where it saw nothing come back (null returns only); None from a sensor that cannot tell.
+    identities (n,): who was measured (-1 nobody), where a dataset knows; only the clairvoyant
+    filter of the evaluation reads it.
+    """
+
+    time: float
+    positions: FloatArray
+    covariances: FloatArray
+    clearance: FloatArray | None = None
+    identities: IntArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bearings:
+    """Directions in which the cameras saw a teammate's strip, in the robot frame at `time`.
+
+    bearings (n,) rad, variances (n,) rad². identities as in `Positions`.
+    """
+
+    time: float
+    bearings: FloatArray
+    variances: FloatArray
+    identities: IntArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """How the robot itself moved in the `interval` seconds that end at `time`.
+
+    dx, dy (m) and dpsi (rad): its new pose in its own frame at the start of the interval.
+    translation_variance (m², per axis) and heading_variance (rad²) are the odometry's noise.
+    ticks: encoder counts (left, right) in the interval, where they are known.
+    """
+
+    time: float
+    interval: float
+    dx: float
+    dy: float
+    dpsi: float
+    translation_variance: float = 0.0
+    heading_variance: float = 0.0
+    ticks: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Where the teammates are, in the robot frame at `time`.
+
+    positions (n, 2) m, covariances (n, 2, 2) m², weights (n,) expected teammates there,
+    ages (n,) s since the last reading, labels (n,): numbers that stay with an estimate while it
+    lives; they are rows on a screen, not identities.
+    """
+
+    time: float
+    positions: FloatArray
+    covariances: FloatArray
+    weights: FloatArray
+    ages: FloatArray
+    labels: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where the other robots truly are, in the robot frame at `time`; never given to a filter.
+
+    identities (n,), positions (n, 2) m.
+    """
+
+    time: float
+    identities: IntArray
+    positions: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How a device does. ok: it delivers. reason: in words, with the next step where it does not.
+
+    counts: what it accepted and dropped since it started, by name.
+    """
+
+    time: float
+    device: str
+    ok: bool
+    reason: str
+    counts: dict[str, int]
+
+
+Measurement = Scan | Positions | Bearings
+Message = Measurement | Displacement | Estimate | Truth | Health
