@@ -1,0 +1,162 @@
+"""Serial ports shared by the device drivers: find, open, read, and reconnect, failures in words."""
+
+import errno
+import os
+import select
+import termios
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+from host.errors import UserError
+
+RETRY_S = 0.5
+BY_ID = Path("/dev/serial/by-id")
+
+
+def find_port(device_name: str, vid_pids: Iterable[tuple[int, int]], configured: str) -> str:
+    """Path of the port to open: `configured`, or for "auto" the one with a known USB id.
+
+    device_name: the device as messages and robot.toml call it ("lidar", "board").
+    vid_pids: USB (vendor, product) ids the device may have. Raises UserError where none or
+    several are plugged in.
+    """
+    if configured != "auto":
+        return configured
+    wanted = set(vid_pids)
+    found = sorted(
+        stable_path(port.device)
+        for port in list_ports.comports()
+        if port.vid is not None and (port.vid, port.pid) in wanted
+    )
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        ids = ", ".join(f"{vendor:04x}:{product:04x}" for vendor, product in sorted(wanted))
+        raise UserError(
+            f"the {device_name} was not found",
+            f"no serial port has its USB id ({ids})",
+            f"plug it in, or set port in [{device_name}] of robot.toml",
+        )
+    raise UserError(
+        f"the {device_name} cannot be told from {len(found)} ports with its USB id",
+        ", ".join(found),
+        f"set port in [{device_name}] of robot.toml to one of them",
+    )
+
+
+def stable_path(device: str) -> str:
+    """The /dev/serial/by-id name of a port, which outlives replugging; or `device` itself."""
+    target = os.path.realpath(device)
+    if BY_ID.is_dir():
+        for link in sorted(BY_ID.iterdir()):
+            if os.path.realpath(link) == target:
+                return str(link)
+    return device
+
+
+def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Serial:
+    """Open `path` for this process alone, reads limited to 0.05 s and writes to 1 s.
+
+    dtr: level of the DTR line from the moment of opening; None leaves the system's default.
+    Raises UserError with the cause and the next step.
+    """
+    port = serial.Serial()
+    port.port, port.baudrate = path, baudrate
+    port.timeout, port.write_timeout, port.exclusive = 0.05, 1.0, True
+    if dtr is not None:
+        port.dtr = dtr
+    try:
+        port.open()
+    except OSError as error:
+        raise UserError(f"cannot open {path}", explain(error), _next_step(error)) from error
+    except termios.error as error:
+        raise UserError(f"cannot open {path}", str(error), "unplug it and plug it in again") from (
+            error
+        )
+    return port
+
+
+def read_available(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
+    """Whatever has arrived (at most 4096 bytes), waiting up to `timeout_s` for the first byte.
+
+    Unlike pyserial's `read(size)` it never waits for the rest, so that the time of return is a
+    time of arrival. Raises OSError where the device is gone.
+    """
+    handle = port.fileno()
+    ready, _, _ = select.select([handle], [], [], timeout_s)
+    if not ready:
+        return b""
+    try:
+        data = os.read(handle, 4096)
+    except BlockingIOError:
+        return b""
+    if not data:
+        # Linux reports a vanished USB adapter as for ever readable and for ever empty.
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+    return data
+
+
+def keep_connected(
+    serve: Callable[[], None],
+    report: Callable[[UserError], None],
+    stop: threading.Event,
+    retry_s: float = RETRY_S,
+) -> None:
+    """Call `serve` again and again until `stop` is set, `retry_s` apart.
+
+    serve: connects, serves one connection and returns when `stop` is set; a UserError or an
+    OSError from it goes to `report`, any other error is the program's own and is raised.
+    """
+    while not stop.is_set():
+        try:
+            serve()
+        except UserError as error:
+            report(error)
+        except OSError as error:
+            report(UserError("the connection was lost", explain(error), _next_step(error)))
+        stop.wait(retry_s)
+
+
+def explain(error: OSError) -> str:
+    """Why a port does not open, read or write, in words."""
+    number = _number(error)
+    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return "no such device is plugged in"
+    if number in (errno.EACCES, errno.EPERM):
+        return "this user may not use serial ports"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return "another program has it open, likely ModemManager or a second swarmloc"
+    if number in (errno.EIO, errno.EBADF):
+        return "the device was unplugged or its adapter reset"
+    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
+        return "it is not a serial port that takes these settings"
+    if isinstance(error, serial.SerialTimeoutException):
+        return "the device takes no more bytes"
+    return error.strerror or str(error)
+
+
+def _next_step(error: OSError) -> str:
+    number = _number(error)
+    if number in (errno.EACCES, errno.EPERM):
+        return "run: sudo usermod -aG dialout $USER    then log in again"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return "close it (sudo fuser -v PORT names it; sudo systemctl stop ModemManager)"
+    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
+        return "check port in robot.toml; ls -l /dev/serial/by-id lists what is plugged in"
+    return "check the plug and the cable; it is tried again by itself"
+
+
+def _number(error: OSError) -> int | None:
+    """The error's number; pyserial keeps some only as the cause of its own exception."""
+    if error.errno is not None:
+        return error.errno
+    cause = error.__context__
+    if isinstance(cause, OSError):
+        return cause.errno
+    if isinstance(cause, termios.error) and cause.args and isinstance(cause.args[0], int):
+        return cause.args[0]
+    return None
