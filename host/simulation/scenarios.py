@@ -1,0 +1,100 @@
+"""Scenarios: what is simulated, and how good its sensors are, with every figure in one place."""
+
+import zlib
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from host.errors import UserError
+
+
+def _bounded(default: Any, low: float, high: float) -> Any:
+    return field(default=default, metadata={"bounds": (low, high)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """A square room of robots, and the noise of the observing robot's sensors.
+
+    Lidar noise follows recordings of X4s: nulls on plain surfaces come in runs of about three
+    samples and make up some 5 % of them, so a turret near by nearly always returns; most missing
+    returns lie in long gaps, here dark stretches of wall and beams that graze it.
+    """
+
+    name: str
+    robots: int = _bounded(4, 1, 60)
+    posts: int = _bounded(2, 0, 60)
+    side_m: float = _bounded(3.0, 1.0, 20.0)
+    seed: int = _bounded(0, 0, 2**32 - 1)
+    seconds: float = _bounded(120.0, 0.1, 86_400.0)
+    speed_mps: float = _bounded(0.3, 0.0, 2.0)
+
+    lidar_turn_hz: float = _bounded(7.0, 6.0, 12.0)
+    range_noise: float = _bounded(1.0, 0.0, 20.0)  # times the measured noise
+    dropout_share: float = _bounded(0.05, 0.0, 0.9)  # of all samples, in runs
+    dropout_run: float = _bounded(3.0, 1.0, 200.0)  # mean length of a run, samples
+    dark_wall_share: float = _bounded(0.17, 0.0, 1.0)  # of the wall's length gives no return
+    grazing_deg: float = _bounded(78.0, 0.0, 90.0)  # no return from a wall beyond this incidence
+    edge_mrad: float = _bounded(2.5, 0.0, 20.0)  # rim of a cylinder too narrow for the beam
+    mixed_share: float = _bounded(0.3, 0.0, 1.0)  # of the rim's samples fall behind the cylinder
+    interference_deg: float = _bounded(10.0, 0.0, 90.0)  # two X4s aiming at each other within
+
+    camera_hz: float = _bounded(10.0, 0.1, 60.0)
+    camera_delay_s: float = _bounded(0.15, 0.0, 1.0)
+    bearing_noise_deg: float = _bounded(5.0, 0.0, 45.0)
+    camera_detection: float = _bounded(0.9, 0.0, 1.0)  # close by, in plain view
+    camera_half_range_m: float = _bounded(3.0, 0.1, 20.0)
+    camera_steepness_per_m: float = _bounded(5.0, 0.1, 100.0)
+    false_blobs: float = _bounded(0.13, 0.0, 20.0)  # expected in an image pair
+
+    wheel_slip: float = _bounded(0.01, 0.0, 0.5)  # std of a wheel's relative slip
+    slip_seconds: float = _bounded(0.5, 0.02, 100.0)  # for which a slip lasts
+
+    def generator(self, purpose: str) -> np.random.Generator:
+        """Return the random numbers of one purpose: others neither shift nor share them."""
+        return np.random.default_rng([self.seed, zlib.crc32(purpose.encode())])
+
+
+KNOWN = {
+    "arena4": Scenario(name="arena4"),
+    "swarm20": Scenario(name="swarm20", robots=20, posts=6, side_m=6.0),
+}
+
+
+def parse(text: str) -> Scenario:
+    """Read a scenario as users write it: `arena4` or `arena4:seconds=120,seed=1`.
+
+    Raises UserError that names what is known, or the bound that a value breaks.
+    """
+    name, _, settings = text.partition(":")
+    if name not in KNOWN:
+        raise UserError(f"no scenario is called {name!r}", f"known: {', '.join(KNOWN)}")
+    changes: dict[str, Any] = {}
+    for setting in settings.split(",") if settings else ():
+        key, _, value = setting.partition("=")
+        if key in changes:
+            raise UserError(f"scenario {text!r} sets {key} twice", "", "keep one of the two")
+        changes[key] = _value(key, value, text)
+    return replace(KNOWN[name], **changes)
+
+
+def _value(key: str, value: str, text: str) -> int | float:
+    known = {f.name: f for f in fields(Scenario) if "bounds" in f.metadata}
+    if key not in known:
+        raise UserError(
+            f"scenario {text!r} has no setting {key!r}", f"known: {', '.join(sorted(known))}"
+        )
+    low, high = known[key].metadata["bounds"]
+    kind = int if known[key].type is int else float
+    try:
+        number = kind(value)
+    except ValueError:
+        number = None
+    # Written so that nan, which compares false with everything, is refused too.
+    if number is None or not low <= number <= high:
+        what = "a whole number" if kind is int else "a number"
+        raise UserError(
+            f"scenario {text!r}: {key} cannot be {value!r}", f"it is {what} from {low} to {high}"
+        )
+    return number
