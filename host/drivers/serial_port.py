@@ -16,6 +16,29 @@ from host.errors import UserError
 RETRY_S = 0.5
 BY_ID = Path("/dev/serial/by-id")
 
+_ABSENT = ("no such device is plugged in", "")
+_FORBIDDEN = (
+    "this user may not use serial ports",
+    "run: sudo usermod -aG dialout $USER    then log in again",
+)
+_BUSY = (
+    "another program has it open, likely ModemManager or a second swarmloc",
+    "close it (sudo fuser -v PORT names it; sudo systemctl stop ModemManager)",
+)
+_GONE = ("the device was unplugged or its adapter reset", "")
+_OTHER = (
+    "it is not a serial port that takes these settings",
+    "check port in robot.toml; ls -l /dev/serial/by-id lists what is plugged in",
+)
+# Error number: (cause, next step).
+_CAUSES = {
+    **dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), _ABSENT),
+    **dict.fromkeys((errno.EACCES, errno.EPERM), _FORBIDDEN),
+    **dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY),
+    **dict.fromkeys((errno.EIO, errno.EBADF), _GONE),
+    **dict.fromkeys((errno.ENOTTY, errno.EINVAL, errno.EISDIR), _OTHER),
+}
+
 
 def find_port(device_name: str, vid_pids: Iterable[tuple[int, int]], configured: str) -> str:
     """Path of the port to open: `configured`, or for "auto" the one with a known USB id.
@@ -123,31 +146,15 @@ def keep_connected(
 
 def explain(error: OSError) -> str:
     """Why a port does not open, read or write, in words."""
-    number = _number(error)
-    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return "no such device is plugged in"
-    if number in (errno.EACCES, errno.EPERM):
-        return "this user may not use serial ports"
-    if number in (errno.EBUSY, errno.EAGAIN):
-        return "another program has it open, likely ModemManager or a second swarmloc"
-    if number in (errno.EIO, errno.EBADF):
-        return "the device was unplugged or its adapter reset"
-    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
-        return "it is not a serial port that takes these settings"
     if isinstance(error, serial.SerialTimeoutException):
         return "the device takes no more bytes"
-    return error.strerror or str(error)
+    cause, _ = _CAUSES.get(_number(error) or 0, ("", ""))
+    return cause or error.strerror or str(error)
 
 
 def _next_step(error: OSError) -> str:
-    number = _number(error)
-    if number in (errno.EACCES, errno.EPERM):
-        return "run: sudo usermod -aG dialout $USER    then log in again"
-    if number in (errno.EBUSY, errno.EAGAIN):
-        return "close it (sudo fuser -v PORT names it; sudo systemctl stop ModemManager)"
-    if number in (errno.ENOTTY, errno.EINVAL, errno.EISDIR):
-        return "check port in robot.toml; ls -l /dev/serial/by-id lists what is plugged in"
-    return "check the plug and the cable; it is tried again by itself"
+    _, step = _CAUSES.get(_number(error) or 0, ("", ""))
+    return step or "check the plug and the cable; it is tried again by itself"
 
 
 def _number(error: OSError) -> int | None:
