@@ -32,8 +32,9 @@ class Positions:
     """What the lidar may have seen of teammates, in the robot frame at `time`.
 
     positions (n, 2) m, covariances (n, 2, 2) m².
+    lags (n,) s: how long before `time` each reading was made; None: all at `time`.
     clearance (k,) m: how far the lidar saw in each of k equal sectors that start at bearing -pi;
-    inf where it saw nothing come back (null returns only); None from a sensor that cannot tell.
+    inf where nothing came back; None from a sensor that cannot tell.
     identities (n,): who was measured (-1 nobody), where a dataset knows; only the clairvoyant
     filter of the evaluation reads it.
     """
@@ -41,6 +42,7 @@ class Positions:
     time: float
     positions: FloatArray
     covariances: FloatArray
+    lags: FloatArray | None = None
     clearance: FloatArray | None = None
     identities: IntArray | None = None
 
@@ -49,12 +51,16 @@ class Positions:
 class Bearings:
     """Directions in which the cameras saw a teammate's strip, in the robot frame at `time`.
 
-    bearings (n,) rad, variances (n,) rad². identities as in `Positions`.
+    bearings (n,) rad, variances (n,) rad². origin (x, y) m: where the rays start.
+    lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
+    identities as in `Positions`.
     """
 
     time: float
     bearings: FloatArray
     variances: FloatArray
+    origin: tuple[float, float] = (0.0, 0.0)
+    lag: float = 0.0
     identities: IntArray | None = None
 
 
