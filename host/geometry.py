@@ -4,12 +4,20 @@ import math
 
 import numpy as np
 
-from host.messages import Displacement, FloatArray
+from host.messages import Displacement, FloatArray, IntArray
+
+SECTORS = 360  # of a clearance profile (see `messages.Positions`)
 
 
 def wrap(angle: FloatArray | float) -> FloatArray:
     """The same angle (rad) in [-pi, pi); any shape."""
     return np.asarray((np.asarray(angle) + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def sector(bearing: FloatArray) -> IntArray:
+    """Index (n,) of the clearance sector that a bearing (n,) rad in [-pi, pi] falls into."""
+    index = ((bearing + math.pi) * (SECTORS / (2.0 * math.pi))).astype(np.int64)
+    return np.minimum(index, SECTORS - 1)
 
 
 def rotation(angle: float) -> FloatArray:

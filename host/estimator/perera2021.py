@@ -1,0 +1,171 @@
+"""The filter of Perera 2021, equations 7–30 as printed, with the repairs they force.
+
+It stands beside `phd` to show what the thesis' filter does on the same data. As printed: survival
+per update whatever its length (9, 10), birth on the observer at every update (11), no clutter (6),
+the component's covariance where the innovation's belongs (15, 27), the range curves (19, 30), no
+merging. Reported is what weighs more than 0.1 (ch. 6).
+
+Forced repairs, without which it cannot run at all:
+ 1. eq. 7–8: R(dpsi) is right for the clockwise dpsi of eq. 32; ours is counter-clockwise.
+ 2. eq. 8: Q is not given; 1 cm per axis at each update.
+ 3. eq. 15, 27: divided by the sum that eq. 6 has below the line; else weights grow without end.
+ 4. eq. 20–23: products over the pillars, robots and null runs where sums are printed (a sum of
+    four gives P_D near 4; an empty one gives 0); kernels of unit peak; angles wrapped; weights
+    at most 1; 2c² inside the exponent.
+ 5. eq. 25, 28: the innovation is the wrapped angle, H = (-y, x)/r², R = (5 deg)²; the newborn
+    component on the observer has no bearing and is left out.
+ 6. P_D within [0.01, 0.98], so that a weight is neither negative nor stuck.
+ 7. pruning below 0.0015 ("the birth is pruned at once"), at most 400 components: neither is given.
+"""
+
+import math
+
+import numpy as np
+
+from host.config import Lidar
+from host.estimator.gaussian_mixture import (
+    PXX,
+    PXY,
+    PYY,
+    ROBOT,
+    ROWS,
+    SEEN,
+    WEIGHT,
+    Pairs,
+    X,
+    Y,
+    carry,
+    empty,
+    pair_bearings,
+    pair_positions,
+)
+from host.geometry import SECTORS, wrap
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
+
+_SYSTEM_NOISE_M2 = 0.01**2
+_BIRTH_VARIANCE_M2, _BIRTH_WEIGHT = 4.0, 0.001  # eq. 11
+_LIDAR_VARIANCE_M2 = 0.0025  # eq. 17
+_BEARING_VARIANCE_RAD2 = math.radians(5.0) ** 2  # eq. 28
+_OCCLUSION_RAD = math.radians(3.0)  # eq. 22
+_INTERFERENCE_RAD = math.radians(3.0)  # c of eq. 23
+_PRUNE_WEIGHT, _CAPACITY = 0.0015, 400
+_REPORT_WEIGHT = 0.1
+_EVERYTHING = 1e6  # no gate
+
+
+class Perera2021Filter:
+    """The thesis' filter (see `host.estimator.interface.Filter`)."""
+
+    def __init__(self, lidar: Lidar | None = None) -> None:
+        sectors = (lidar or Lidar()).blind_sectors
+        self._centres = np.array([s.centre_rad for s in sectors])
+        self._widths = np.array([s.width_rad for s in sectors])
+        self._rows = empty()
+        self._time = 0.0
+
+    def predict(self, motion: Displacement) -> None:
+        """Eq. 7–11."""
+        rows = self._rows
+        self._time = motion.time
+        distance = np.hypot(rows[X], rows[Y])
+        rows[WEIGHT] /= 1.05 + np.exp(4.0 * (distance - 4.0))  # eq. 9, 10
+        carry(rows, motion, _SYSTEM_NOISE_M2)
+        birth = np.zeros((ROWS, 1))
+        birth[[PXX, PYY]], birth[WEIGHT] = _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT
+        birth[ROBOT], birth[SEEN] = 1.0, motion.time
+        self._rows = np.concatenate((rows, birth), axis=1)
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """Eq. 12–23 for the lidar, eq. 24–30 for the cameras."""
+        rows = self._rows
+        bearing, distance = np.arctan2(rows[Y], rows[X]), np.hypot(rows[X], rows[Y])
+        hidden = self._occlusion(bearing, distance)
+        if isinstance(measurement, Positions):
+            count = len(measurement.positions)
+            noise = np.broadcast_to(_LIDAR_VARIANCE_M2 * np.eye(2), (count, 2, 2))
+            measured = Positions(measurement.time, measurement.positions, noise)
+            detected = 1.0 / (1.02 + np.exp(8.0 * (distance - 1.5)))  # eq. 19
+            detected *= hidden * self._blind(bearing)  # eq. 18
+            if measurement.clearance is not None:
+                detected *= _interference(bearing, measurement.clearance)
+            pairs = pair_positions(rows, measured, np.zeros(count), _EVERYTHING)
+            density = _position_density(rows, measured, pairs)
+        else:
+            count = len(measurement.bearings)
+            seen = measurement
+            variances = np.full(count, _BEARING_VARIANCE_RAD2)
+            measured_bearings = Bearings(seen.time, seen.bearings, variances, seen.origin)
+            detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
+            detected[distance < 1e-3] = 0.0  # repair 5
+            pairs = pair_bearings(rows, measured_bearings, 0.0, _EVERYTHING)
+            density = _bearing_density(rows, measured_bearings, pairs)
+        self._weigh(np.clip(detected, 0.0, 0.98), pairs, density, count)
+
+    def _weigh(self, detected: FloatArray, pairs: Pairs, density: FloatArray, count: int) -> None:
+        """Eq. 12, 15, 24, 27 with the normaliser of eq. 6, then pruning."""
+        i, j, rows = pairs.component, pairs.reading, self._rows
+        mass = detected[i] * rows[WEIGHT, i] * density
+        total = np.bincount(j, mass, count)
+        pairs.updated[WEIGHT] = mass / np.maximum(total[j], 1e-300)
+        pairs.updated[SEEN] = self._time
+        rows[WEIGHT] *= 1.0 - detected
+        rows = np.concatenate((rows, pairs.updated), axis=1)
+        rows = rows[:, rows[WEIGHT] > _PRUNE_WEIGHT]
+        if rows.shape[1] > _CAPACITY:
+            rows = rows[:, np.argsort(-rows[WEIGHT], kind="stable")[:_CAPACITY]]
+        self._rows = rows
+
+    def _blind(self, bearing: FloatArray) -> FloatArray:
+        """Eq. 20: the pillars of the camera holder."""
+        offset = wrap(bearing[:, None] - self._centres) / (self._widths / 2.0)
+        return np.asarray(np.prod(1.0 - np.exp(-0.5 * offset**2), axis=1))
+
+    def _occlusion(self, bearing: FloatArray, distance: FloatArray) -> FloatArray:
+        """Eq. 21–22: every nearer component may hide this one."""
+        offset = wrap(bearing[:, None] - bearing) / _OCCLUSION_RAD
+        hiding = np.minimum(self._rows[WEIGHT], 1.0) * np.exp(-0.5 * offset**2)
+        return np.asarray(
+            np.prod(1.0 - np.where(distance < distance[:, None], hiding, 0.0), axis=1)
+        )
+
+    def estimate(self) -> Estimate:
+        """Every component heavier than 0.1 (ch. 6); labels are their places in the mixture."""
+        index = np.flatnonzero(self._rows[WEIGHT] > _REPORT_WEIGHT)
+        rows = self._rows[:, index]
+        return Estimate(
+            time=self._time,
+            positions=rows[[X, Y]].T,
+            covariances=rows[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2),
+            weights=rows[WEIGHT],
+            ages=self._time - rows[SEEN],
+            labels=index,
+        )
+
+
+def _interference(bearing: FloatArray, clearance: FloatArray) -> FloatArray:
+    """Eq. 23: less likely where nothing comes back; the nearest null direction counts."""
+    null = np.flatnonzero(np.isinf(clearance))
+    if not len(null):
+        return np.ones_like(bearing)
+    centre = -math.pi + (null + 0.5) * (2.0 * math.pi / SECTORS)
+    nearest = np.min(np.abs(wrap(bearing[:, None] - centre)), axis=1)
+    return np.asarray(1.0 - 0.6 * np.exp(-0.5 * (nearest / _INTERFERENCE_RAD) ** 2))
+
+
+def _position_density(rows: FloatArray, measured: Positions, pairs: Pairs) -> FloatArray:
+    """N(l; m, p) of eq. 15: with the component's covariance, as printed."""
+    x, y, pxx, pxy, pyy = rows[: PYY + 1, pairs.component]
+    dx, dy = measured.positions[pairs.reading].T - (x, y)
+    determinant = pxx * pyy - pxy * pxy
+    square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / determinant
+    return np.asarray(np.exp(-0.5 * square) / (2.0 * math.pi * np.sqrt(determinant)))
+
+
+def _bearing_density(rows: FloatArray, measured: Bearings, pairs: Pairs) -> FloatArray:
+    """N(c; h(m), H p H^T) of eq. 27: with the component's variance of the bearing, as printed."""
+    x, y, pxx, pxy, pyy = rows[: PYY + 1, pairs.component]
+    dx, dy = x - measured.origin[0], y - measured.origin[1]
+    square = np.maximum(dx * dx + dy * dy, 1e-6)
+    variance = (pxx * dy * dy - 2.0 * pxy * dx * dy + pyy * dx * dx) / (square * square)
+    offset = wrap(measured.bearings[pairs.reading] - np.arctan2(dy, dx))
+    return np.asarray(np.exp(-0.5 * offset**2 / variance) / np.sqrt(2.0 * math.pi * variance))

@@ -1,0 +1,108 @@
+"""How likely a sensor is to detect a teammate where it is supposed to be (eq. 18–23, 29–30).
+
+The factors of the thesis, each repaired: range (a curve), blind sectors (a product over the
+pillars), occlusion (nearer things in the way) and interference (nothing comes back).
+"""
+
+import math
+
+import numpy as np
+
+from host.config import Camera, Lidar
+from host.geometry import SECTORS, sector, wrap
+from host.messages import BoolArray, FloatArray
+
+_LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
+_HIDDEN = 0.03  # behind something nearer
+_UNCLEAR = 0.25  # something is there, but it was not told apart
+_NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
+_MARGIN_M = 0.12  # nearer by less than this does not hide
+
+
+def clearance_of(
+    bearing: FloatArray, distance: FloatArray, present: BoolArray, width: float
+) -> FloatArray:
+    """How far one sees past targets (n,) that are `width` m wide: (SECTORS,) m, inf in the open.
+
+    present (n,): targets that are believed in (bool). Serves where no scan tells it: for the
+    cameras, and for a lidar that only gives positions.
+    """
+    clearance = np.full(SECTORS, math.inf)
+    index = np.flatnonzero(present)
+    if len(index):
+        half = np.arcsin(np.minimum(0.5 * width / np.maximum(distance[index], 0.5 * width), 1.0))
+        reach = (half * (SECTORS / (2.0 * math.pi))).astype(np.int64)
+        size = 2 * reach + 1
+        which = np.repeat(np.arange(len(index)), size)
+        step = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
+        place = (sector(bearing[index])[which] + step - reach[which]) % SECTORS
+        np.minimum.at(clearance, place, distance[index][which])
+    return clearance
+
+
+def _range_curve(
+    distance: FloatArray, most: float, half_range: float, steepness: float
+) -> FloatArray:
+    """Eq. 19 and 30 in their common form: `most` close by, half of it at `half_range` m."""
+    return np.asarray(most / (1.0 + np.exp(np.minimum(steepness * (distance - half_range), 50.0))))
+
+
+class LidarModel:
+    """Detection probability of the lidar's turret finder, and its clutter intensity in 1/m²."""
+
+    def __init__(self, config: Lidar) -> None:
+        self._config = config
+        self._centres = np.array([s.centre_rad for s in config.blind_sectors])
+        self._widths = np.array([s.width_rad / 2.0 for s in config.blind_sectors])
+        self.clutter = config.clutter_per_m2
+
+    def detection(
+        self,
+        bearing: FloatArray,
+        distance: FloatArray,
+        clearance: FloatArray,
+        measured: bool,
+    ) -> FloatArray:
+        """P_D (n,) of targets at bearing (n,) rad and distance (n,) m (eq. 18).
+
+        clearance (SECTORS,) m; measured: it comes from the scan itself, so that a sector which
+        sees nothing at all means interference, and one that ends at the target is not clear.
+        """
+        config = self._config
+        probability = _range_curve(
+            distance,
+            config.detection_probability,
+            config.half_range_m,
+            config.range_steepness_per_m,
+        )
+        if len(self._centres):
+            offset = wrap(bearing[:, None] - self._centres) / self._widths
+            probability *= np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1)
+        seen = clearance[sector(bearing)]
+        factor = np.where(seen < distance - _MARGIN_M, _HIDDEN, 1.0)
+        if measured:
+            factor[np.abs(seen - distance) <= _MARGIN_M] = _UNCLEAR
+            factor[np.isinf(seen)] = 1.0 - _NULL_LOSS
+        return np.clip(probability * factor, _LEAST, _MOST)
+
+
+class CameraModel:
+    """Detection probability of the cameras, and their clutter intensity in 1/rad."""
+
+    def __init__(self, config: Camera) -> None:
+        self._config = config
+        self.clutter = config.clutter_per_rad
+
+    def detection(
+        self, bearing: FloatArray, distance: FloatArray, clearance: FloatArray
+    ) -> FloatArray:
+        """P_D (n,) of teammates at bearing (n,) rad and distance (n,) m (eq. 29)."""
+        config = self._config
+        probability = _range_curve(
+            distance,
+            config.detection_probability,
+            config.half_range_m,
+            config.range_steepness_per_m,
+        )
+        hidden = clearance[sector(bearing)] < distance - _MARGIN_M
+        return np.clip(np.where(hidden, 0.5, 1.0) * probability, _LEAST, _MOST)

@@ -1,0 +1,108 @@
+"""One robot's localizer: puts what the devices say in time order and drives one filter.
+
+Deterministic: it goes by the messages' own times alone, so the same messages in the same order
+give bit-identical estimates, live or replayed.
+"""
+
+import dataclasses
+import heapq
+import math
+
+import numpy as np
+
+from host.config import RobotConfig
+from host.estimator.interface import Filter
+from host.geometry import Path, rotation, to_frame, to_parent
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    Measurement,
+    Positions,
+    Scan,
+)
+from host.perception import turrets
+
+_PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
+_TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
+
+
+class Localizer:
+    """Feeds one filter with scans, positions, bearings and displacements.
+
+    A measurement waits until the odometry reaches its time. One that comes late (pictures do) is
+    carried through the odometry into the filter's present frame.
+    """
+
+    def __init__(self, config: RobotConfig, estimator: Filter) -> None:
+        self.dropped = 0  # measurements that came too late
+        self._config = config
+        self._filter = estimator
+        self._path = Path()
+        self._waiting: list[tuple[float, int, Measurement]] = []
+        self._count = 0
+        self._time = -math.inf  # of the filter
+        self._newest = -math.inf  # time of the newest message
+
+    def handle(self, message: Measurement | Displacement) -> list[Estimate]:
+        """Take in one message; return an estimate for each measurement that was used."""
+        self._newest = max(self._newest, message.time)
+        if isinstance(message, Displacement):
+            self._path.append(message)
+        else:
+            heapq.heappush(self._waiting, (message.time, self._count, message))
+            self._count += 1
+        return self._release(max(self._path.end, self._newest - _PATIENCE_S))
+
+    def finish(self) -> list[Estimate]:
+        """Use what still waits for odometry: no more messages will come."""
+        return self._release(math.inf)
+
+    def _release(self, until: float) -> list[Estimate]:
+        estimates = []
+        while self._waiting and self._waiting[0][0] <= until:
+            measurement = heapq.heappop(self._waiting)[2]
+            if measurement.time < self._time - _TOO_LATE_S:
+                self.dropped += 1
+                continue
+            estimates.append(self._use(measurement))
+        return estimates
+
+    def _use(self, measurement: Measurement) -> Estimate:
+        if measurement.time > self._time:
+            if math.isfinite(self._time):
+                self._filter.predict(self._path.between(self._time, measurement.time))
+            else:
+                self._filter.predict(Displacement(measurement.time, 0.0, 0.0, 0.0, 0.0))
+            self._time = measurement.time
+        if isinstance(measurement, Scan):
+            measurement = turrets.find(measurement, self._config.lidar, self._path)
+        self._filter.update(self._to_present(measurement))
+        return self._filter.estimate()
+
+    def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
+        """The same readings in the robot frame at the filter's time; they keep their lag."""
+        lag = self._time - measured.time
+        if lag <= 0.0:
+            return measured
+        then, now = self._path.poses(np.array([measured.time, self._time]))
+        turn = float(then[2] - now[2])
+        if isinstance(measured, Bearings):
+            origin = to_frame(to_parent(np.array([measured.origin]), then), now)[0]
+            return dataclasses.replace(
+                measured,
+                time=self._time,
+                bearings=measured.bearings + turn,
+                origin=(float(origin[0]), float(origin[1])),
+                lag=measured.lag + lag,
+            )
+        rotated = rotation(turn)
+        lags = np.zeros(len(measured.positions)) if measured.lags is None else measured.lags
+        return dataclasses.replace(
+            measured,
+            time=self._time,
+            positions=to_frame(to_parent(measured.positions, then), now),
+            covariances=rotated @ measured.covariances @ rotated.T,
+            lags=lags + lag,
+            clearance=None,
+        )

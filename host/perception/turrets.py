@@ -1,0 +1,162 @@
+"""Scan → where lidar turrets of teammates may be (Perera 2021 ch. 5.6, Belaroussi 2024 4.3.1).
+
+A turret is a cylinder of known diameter that stands free. Returns are clustered by distance; a
+cluster that is no wider than a turret, does not lie on the line of its neighbours and fits the
+circle is a candidate. The centre is that of the fitted circle, not the mean of the visible arc,
+which lies about half a radius too near.
+"""
+
+import math
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from host.config import Lidar
+from host.geometry import SECTORS, Path, sector, to_parent
+from host.messages import BoolArray, FloatArray, IntArray, Positions, Scan
+
+_CLUSTER_GAP_M = 0.06  # returns closer than this belong together
+_WIDTH_MARGIN_M = 0.02
+_LINE_M = 0.02  # a piece of wall lies this close to the line between its neighbours ...
+_LINE_REACH_M = 0.35  # ... which are then this near
+_LEAST_SHARE = 0.35  # of the returns that a turret in plain view would give
+_HIDING_M = 0.1  # a neighbour nearer by more than this may hide a part
+_SIDE_RAD = 0.006  # std of the arc's middle, as seen from the lidar: half a sample and missing ends
+_FIT_STEPS = 4
+
+
+def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
+    """Candidate teammates in the robot frame at the end of the turn.
+
+    Every return is placed with the pose the robot had when it was measured (de-skewing) and the
+    lidar's mounting. Covariances come from the fit; `lags` say when in the turn each was seen.
+    """
+    valid = scan.ranges > 0.0
+    ranges, angles, times = scan.ranges[valid], scan.angles[valid], scan.times[valid]
+    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
+    mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
+    points = path.carry(to_parent(beams, mounting), times, scan.time)
+    origins = path.carry(np.broadcast_to(mounting[:2], points.shape), times, scan.time)
+    clearance = clearance_profile(points)
+    if len(points) < 3:
+        none = np.zeros((0, 2))
+        return Positions(scan.time, none, np.zeros((0, 2, 2)), np.zeros(0), clearance)
+    label = _clusters(points)
+    # Begin between two clusters, so that the samples of each are in the order they were taken.
+    start = int(np.argmax(label != label[-1]))
+    points, origins, ranges, times, label = (
+        np.roll(a, -start, axis=0) for a in (points, origins, ranges, times, label)
+    )
+    chosen, first, last, hidden = _select(points, ranges, label, lidar)
+    member = np.flatnonzero(np.isin(label, chosen))
+    group = np.searchsorted(chosen, label[member])
+    centres, covariances = _fit_circles(
+        points[member], origins[first], group, 0.5 * (points[first] + points[last]), hidden, lidar
+    )
+    lags = np.maximum(scan.time - 0.5 * (times[first] + times[last]), 0.0)
+    return Positions(scan.time, centres, covariances, lags, clearance)
+
+
+def clearance_profile(points: FloatArray) -> FloatArray:
+    """How far one sees in each of SECTORS equal sectors from bearing -pi on: (SECTORS,) m.
+
+    The nearest of the returns (n, 2) in the sector and its two neighbours; inf where none came.
+    """
+    bearing, distance = np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)
+    farthest_first = np.argsort(-distance)
+    nearest = np.full(SECTORS, math.inf)
+    nearest[sector(bearing[farthest_first])] = distance[farthest_first]
+    return np.asarray(np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1))))
+
+
+def _clusters(points: FloatArray) -> IntArray:
+    """Label (n,) of each point's Euclidean cluster: chains of points closer than the gap."""
+    pairs = cKDTree(points).query_pairs(_CLUSTER_GAP_M, output_type="ndarray")
+    n = len(points)
+    links = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _select(
+    points: FloatArray, ranges: FloatArray, label: IntArray, lidar: Lidar
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Clusters that may be turrets: labels, first and last samples, and which are part hidden."""
+    n = len(points)
+    order = np.argsort(label, kind="stable")
+    begin = np.flatnonzero(np.diff(label[order], prepend=-1))
+    size = np.diff(begin, append=n)
+    first, last = order[begin], order[begin + size - 1]
+    width = np.hypot(*(points[last] - points[first]).T)
+    expected = lidar.target_diameter_m / ranges[first] * n / (2.0 * math.pi)
+    before, after = points[first - 1], points[(last + 1) % n]
+    middle = 0.5 * (points[first] + points[last])
+    accepted = (
+        (width <= lidar.target_diameter_m + _WIDTH_MARGIN_M)
+        & (ranges[first] <= lidar.max_range_m)
+        & (size >= np.maximum(2.0, _LEAST_SHARE * expected))
+        & ~_on_line(middle, before, after)
+    )
+    chosen = np.flatnonzero(accepted)
+    nearer = np.minimum(ranges[first - 1], ranges[(last + 1) % n]) < ranges[first] - _HIDING_M
+    return chosen, first[chosen], last[chosen], nearer[chosen].astype(float)
+
+
+def _on_line(middle: FloatArray, before: FloatArray, after: FloatArray) -> BoolArray:
+    """Whether a cluster's middle (k, 2) lies on the line through its near neighbours (bool)."""
+    along = after - before
+    offset = middle - before
+    length = np.maximum(np.hypot(*along.T), 1e-9)
+    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / length
+    reach = np.maximum(np.hypot(*offset.T), np.hypot(*(middle - after).T))
+    return np.asarray((across < _LINE_M) & (reach < _LINE_REACH_M))
+
+
+def _fit_circles(
+    points: FloatArray,
+    origins: FloatArray,
+    group: IntArray,
+    middle: FloatArray,
+    hidden: FloatArray,
+    lidar: Lidar,
+) -> tuple[FloatArray, FloatArray]:
+    """Centres (m, 2) of circles of known radius through the points of each group, (m, 2, 2).
+
+    Gauss-Newton on |p - c| = r for all groups at once. A few returns say little about where the
+    centre lies across the beam, so that the middle of the arc is a second, weaker observation;
+    weaker still where something nearer hides one end.
+    """
+    m, radius = len(middle), 0.5 * lidar.target_diameter_m
+    ray = middle - origins
+    distance = np.maximum(np.hypot(*ray.T), 1e-6)
+    ray /= distance[:, None]
+    across = np.stack((-ray[:, 1], ray[:, 0]), axis=1)
+    centre = middle + 0.8 * radius * ray
+    precision = 1.0 / (lidar.range_noise_m * np.maximum(distance, 0.3)) ** 2
+    side = 1.0 / (_SIDE_RAD * distance + 0.5 * radius * hidden) ** 2
+    outer = side[:, None, None] * across[:, :, None] * across[:, None, :]
+    information = np.zeros((m, 2, 2))
+    for _ in range(_FIT_STEPS):
+        offset = points - centre[group]
+        length = np.maximum(np.hypot(*offset.T), 1e-9)
+        unit = offset / length[:, None]
+        residual = length - radius
+        sums = [
+            np.bincount(group, value, m)
+            for value in (
+                unit[:, 0] * unit[:, 0],
+                unit[:, 0] * unit[:, 1],
+                unit[:, 1] * unit[:, 1],
+                unit[:, 0] * residual,
+                unit[:, 1] * residual,
+            )
+        ]
+        information = precision[:, None, None] * np.stack(
+            (sums[0], sums[1], sums[1], sums[2]), axis=1
+        ).reshape(m, 2, 2)
+        information += outer
+        slack = side * np.sum(across * (middle - centre), axis=1)
+        right = precision[:, None] * np.stack(sums[3:], axis=1) + slack[:, None] * across
+        centre = centre + np.linalg.solve(information, right[:, :, None])[:, :, 0]
+    return centre, np.asarray(np.linalg.inv(information), dtype=np.float64)
