@@ -1,0 +1,132 @@
+"""Kalman filters that are told which reading is whose: the limit of what any filter can reach.
+
+Only for evaluation. It takes readings' `identities`; those of nobody (-1) it leaves out.
+"""
+
+import numpy as np
+
+from host.geometry import rotation, wrap
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
+
+
+def carry(
+    positions: FloatArray, covariances: FloatArray, motion: Displacement, process_noise: float
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 2) and covariances (n, 2, 2) in the robot's new frame.
+
+    m' = R(dpsi)^T (m - d);  P' = R^T (P + v I) R + (J m')(J m')^T h + q dt I, with v and h the
+    variances of the odometry, J m' = (-y', x') the lever arm of its heading and q, process_noise,
+    in m²/s the random walk of a teammate. (Perera 2021 eq. 7-8, counter-clockwise positive.)
+    """
+    turn = rotation(motion.dpsi)
+    moved = (positions - np.array([motion.dx, motion.dy])) @ turn
+    lever = moved[:, ::-1] * np.array([-1.0, 1.0])
+    spread = turn.T @ (covariances + motion.translation_variance * np.eye(2)) @ turn
+    spread = spread + motion.heading_variance * lever[:, :, None] * lever[:, None, :]
+    return moved, spread + process_noise * motion.interval * np.eye(2)
+
+
+class Clairvoyant:
+    """One Kalman filter per identity, position as a random walk.
+
+    process_noise: m²/s per axis. forget_s: a teammate unseen for longer is no longer reported.
+    birth_range_m, birth_range_std_m: where a teammate is put that only a bearing has shown.
+    """
+
+    def __init__(
+        self,
+        process_noise: float = 0.005,
+        forget_s: float = 5.0,
+        birth_range_m: float = 1.5,
+        birth_range_std_m: float = 1.0,
+    ) -> None:
+        self._process_noise = process_noise
+        self._forget_s = forget_s
+        self._birth_range = birth_range_m
+        self._birth_range_variance = birth_range_std_m**2
+        self._time = 0.0
+        self._identities = np.zeros(0, dtype=np.int64)
+        self._positions = np.zeros((0, 2))
+        self._covariances = np.zeros((0, 2, 2))
+        self._ages = np.zeros(0)
+
+    def predict(self, motion: Displacement) -> None:
+        """Carry every teammate into the robot's new frame; forget those unseen for too long."""
+        self._time = motion.time
+        self._positions, self._covariances = carry(
+            self._positions, self._covariances, motion, self._process_noise
+        )
+        self._ages = self._ages + motion.interval
+        known = self._ages < self._forget_s
+        self._identities, self._ages = self._identities[known], self._ages[known]
+        self._positions, self._covariances = self._positions[known], self._covariances[known]
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """Take in the readings that have an identity. Raises ValueError where none are given."""
+        self._time = measurement.time
+        if measurement.identities is None:
+            raise ValueError("the clairvoyant filter needs the identity of each reading")
+        for k, identity in enumerate(measurement.identities):
+            if identity < 0:
+                continue
+            found = np.flatnonzero(self._identities == identity)
+            if isinstance(measurement, Positions):
+                reading, noise = measurement.positions[k], measurement.covariances[k]
+                if len(found):
+                    self._correct(int(found[0]), reading, noise)
+                else:
+                    self._begin(int(identity), reading, noise)
+            else:
+                bearing, variance = float(measurement.bearings[k]), float(measurement.variances[k])
+                if len(found):
+                    self._correct_bearing(int(found[0]), bearing, variance)
+                else:
+                    self._begin_on_ray(int(identity), bearing, variance)
+
+    def _begin(self, identity: int, position: FloatArray, covariance: FloatArray) -> None:
+        self._identities = np.append(self._identities, identity)
+        self._positions = np.concatenate((self._positions, position[None]))
+        self._covariances = np.concatenate((self._covariances, covariance[None]))
+        self._ages = np.append(self._ages, 0.0)
+
+    def _begin_on_ray(self, identity: int, bearing: float, variance: float) -> None:
+        turn = rotation(bearing)
+        across = self._birth_range**2 * variance
+        spread = turn @ np.diag([self._birth_range_variance, across]) @ turn.T
+        self._begin(identity, turn[:, 0] * self._birth_range, spread)
+
+    def _correct(self, k: int, reading: FloatArray, noise: FloatArray) -> None:
+        """Kalman update, H = I: S = P + R, K = P S^-1."""
+        prior = self._covariances[k]
+        gain = np.linalg.solve(prior + noise, prior).T
+        self._positions[k] += gain @ (reading - self._positions[k])
+        self._covariances[k] = _symmetric(prior - gain @ prior)
+        self._ages[k] = 0.0
+
+    def _correct_bearing(self, k: int, bearing: float, variance: float) -> None:
+        """Extended Kalman update, H = (-y, x) / r² (Perera 2021 eq. 25-28, repaired)."""
+        x, y = self._positions[k]
+        squared = float(x * x + y * y)
+        if squared < 1e-6:
+            return  # on top of the robot a bearing tells nothing
+        jacobian = np.array([-y, x]) / squared
+        prior = self._covariances[k]
+        gain = prior @ jacobian / (jacobian @ prior @ jacobian + variance)
+        self._positions[k] += gain * float(wrap(bearing - np.arctan2(y, x)))
+        self._covariances[k] = _symmetric(prior - np.outer(gain, jacobian @ prior))
+        self._ages[k] = 0.0
+
+    def estimate(self) -> Estimate:
+        """Every teammate seen in the last forget_s; labels are the identities."""
+        return Estimate(
+            time=self._time,
+            positions=self._positions.copy(),
+            covariances=self._covariances.copy(),
+            weights=np.ones(len(self._ages)),
+            ages=self._ages.copy(),
+            labels=self._identities.copy(),
+        )
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray((matrix + matrix.T) / 2.0)

@@ -1,0 +1,190 @@
+"""How good estimates are: GOSPA with its parts, and the figures papers on this problem report.
+
+A row of figures tells one filter on one run. `time_over_30cm` rewards a filter that reports
+everywhere, so it stands beside the count of false estimates.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from host.messages import Estimate, FloatArray, IntArray
+
+OVER_M = 0.30  # the bound of Perera 2021, section 6
+
+
+@dataclass(frozen=True, slots=True)
+class Gospa:
+    """One GOSPA distance (m), its localisation part (m) and the counts of its other parts."""
+
+    distance: float
+    localisation: float
+    missed: int
+    false: int
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The figures of one filter on one run; each is a mean over the scored instants.
+
+    Figures of matched pairs are NaN where no estimate was matched.
+    """
+
+    source: str  # the recording, scenario or dataset
+    observer: str  # the robot that estimates; "all" where several are pooled
+    filter: str
+    sensors: str
+    seconds: float  # from the first to the last scored instant, s; summed where pooled
+    gospa_m: float  # GOSPA, m
+    localisation_m: float  # its localisation part (sum of d^p over matched pairs)^(1/p), m
+    missed: float  # teammates without an estimate, per instant
+    false: float  # estimates of nothing, per instant
+    time_over_30cm: float  # share (0..1) of teammates whose nearest estimate is over 0.30 m away
+    rmse_m: float  # root mean square distance of matched pairs, m
+    p67_m: float  # 67th percentile of the distance of matched pairs, m (Belaroussi)
+    cardinality_error: float  # matched + false - teammates, signed, per instant
+    anees: float  # mean over matched pairs of e^T P^-1 e / 2: 1 consistent, more = overconfident
+    update_ms_median: float  # one predict and update of the filter, ms
+    update_ms_p99: float  # its 99th percentile, ms
+
+    def as_json(self) -> dict[str, str | float | None]:
+        """The row as JSON values: a figure that does not exist is null."""
+        return {k: None if v != v else v for k, v in asdict(self).items()}
+
+
+def match(truth: FloatArray, estimates: FloatArray, p: float, c: float) -> tuple[IntArray, ...]:
+    """Indices (truths, estimates) of the pairs under `c` in the least sum of min(d, c)^p.
+
+    truth (m, 2), estimates (n, 2), c in metres.
+    """
+    distances = np.linalg.norm(truth[:, None] - estimates[None], axis=2)
+    i, j = linear_sum_assignment(np.minimum(distances, c) ** p)
+    under = distances[i, j] < c
+    return i[under], j[under]
+
+
+def gospa(
+    truth: FloatArray,
+    estimates: FloatArray,
+    p: float = 2.0,
+    c: float = 0.5,
+) -> Gospa:
+    """GOSPA of two sets of positions (m, 2) and (n, 2) with alpha = 2, cut off at c metres.
+
+    Source: Rahmathullah, García-Fernández & Svensson 2017, eq. 1 in the form of proposition 1:
+    (sum of d^p over the matched pairs + c^p / 2 (missed + false))^(1/p).
+    """
+    i, j = match(truth, estimates, p, c)
+    return _parts(np.linalg.norm(truth[i] - estimates[j], axis=1), len(truth), len(estimates), p, c)
+
+
+def _parts(distances: FloatArray, truths: int, estimates: int, p: float, c: float) -> Gospa:
+    missed, false = truths - len(distances), estimates - len(distances)
+    localisation = float(np.sum(distances**p))
+    return Gospa(
+        distance=(localisation + c**p / 2.0 * (missed + false)) ** (1.0 / p),
+        localisation=localisation ** (1.0 / p),
+        missed=missed,
+        false=false,
+    )
+
+
+@dataclass
+class Accumulator:
+    """Gathers scored instants of one filter, and turns them into a `Row`.
+
+    p, c: as in `gospa`. update_seconds: what each predict and update took, filled by the runner.
+    """
+
+    p: float = 2.0
+    c: float = 0.5
+    seconds: float = 0.0
+    update_seconds: list[float] = field(default_factory=list)
+    _last_time: float = math.nan
+    _instants: list[Gospa] = field(default_factory=list)
+    _distances: list[FloatArray] = field(default_factory=list)
+    _nearest: list[FloatArray] = field(default_factory=list)
+    _nees: list[FloatArray] = field(default_factory=list)
+
+    def add(self, truth: FloatArray, dont_care: FloatArray, estimate: Estimate) -> Gospa:
+        """Score one instant, all positions in the same frame; instants come in time order.
+
+        truth (m, 2): where teammates are that the filter should report. dont_care (k, 2): where
+        something is whose report is no error; each excuses one estimate within c metres that no
+        teammate needs.
+        """
+        positions = estimate.positions
+        i, j = match(truth, positions, self.p, self.c)
+        errors = positions[j] - truth[i]
+        spare = np.delete(positions, j, axis=0)
+        excused = len(match(dont_care, spare, self.p, self.c)[0])
+        distances = np.linalg.norm(errors, axis=1)
+        scored = _parts(distances, len(truth), len(positions) - excused, self.p, self.c)
+        self._instants.append(scored)
+        self._distances.append(distances)
+        self._nearest.append(_nearest(truth, positions))
+        weighted = np.linalg.solve(estimate.covariances[j], errors[:, :, None])[:, :, 0]
+        self._nees.append(np.sum(errors * weighted, axis=1) / 2.0)
+        if not math.isnan(self._last_time):
+            self.seconds += estimate.time - self._last_time
+        self._last_time = estimate.time
+        return scored
+
+    @classmethod
+    def pooled(cls, parts: Iterable["Accumulator"]) -> "Accumulator":
+        """All instants of several runs (observers, seeds) as if they were one."""
+        runs = list(parts)
+        whole = cls(runs[0].p, runs[0].c) if runs else cls()
+        for run in runs:
+            if (run.p, run.c) != (whole.p, whole.c):
+                raise ValueError("runs scored with different p or c cannot be pooled")
+            whole.seconds += run.seconds
+            whole.update_seconds += run.update_seconds
+            whole._instants += run._instants
+            whole._distances += run._distances
+            whole._nearest += run._nearest
+            whole._nees += run._nees
+        return whole
+
+    def row(self, source: str, observer: str, filter_name: str, sensors: str) -> Row:
+        """The figures of all instants so far."""
+        distances = np.concatenate([*self._distances, np.zeros(0)])
+        nearest = np.concatenate([*self._nearest, np.zeros(0)])
+        update_ms = 1000.0 * np.array(self.update_seconds)
+        missed = _mean([g.missed for g in self._instants])
+        false = _mean([g.false for g in self._instants])
+        return Row(
+            source=source,
+            observer=observer,
+            filter=filter_name,
+            sensors=sensors,
+            seconds=self.seconds,
+            gospa_m=_mean([g.distance for g in self._instants]),
+            localisation_m=_mean([g.localisation for g in self._instants]),
+            missed=missed,
+            false=false,
+            time_over_30cm=_mean(nearest > OVER_M),
+            rmse_m=math.sqrt(_mean(distances**2)),
+            p67_m=_percentile(distances, 67.0),
+            cardinality_error=false - missed,
+            anees=_mean(np.concatenate([*self._nees, np.zeros(0)])),
+            update_ms_median=_percentile(update_ms, 50.0),
+            update_ms_p99=_percentile(update_ms, 99.0),
+        )
+
+
+def _nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
+    """Distance (m,) of each truth to its nearest estimate, matched elsewhere or not; inf if none."""
+    distances = np.linalg.norm(truth[:, None] - estimates[None], axis=2)
+    return np.asarray(np.min(distances, axis=1, initial=math.inf))
+
+
+def _mean(values: FloatArray | list[float] | list[int]) -> float:
+    return float(np.mean(values)) if len(values) else math.nan
+
+
+def _percentile(values: FloatArray, percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else math.nan

@@ -1,0 +1,78 @@
+"""How filters are scored on MR.CLAM recordings.
+
+The camera sees ±32° and a robot may stay out of it for minutes; what has not been seen for long
+cannot be known. So an observer answers only for robots that it has read in the last 5 s; the
+others and the landmarks are don't-cares. Estimates hold readings up to the instant and are carried
+to it by odometry. Matching is cut off at 1 m.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from host.estimator.interface import Filter
+from host.evaluation.metrics import Accumulator, Row
+from host.evaluation.runner import run
+from host.messages import Displacement, IntArray, Positions
+from host.recording.mrclam import Dataset, Landmarks
+
+WARM_UP_S = 60.0
+EVERY_S = 1.0
+REMEMBER_S = 5.0
+CUT_OFF_M = 1.0
+SENSORS = "camera"
+
+
+def instants(dataset: Dataset) -> list[float]:
+    """When to score, s: every second from 60 s after the start while Vicon sees all robots."""
+    start, end = dataset.span
+    count = int((end - start - WARM_UP_S) / EVERY_S) + 1
+    grid = [start + WARM_UP_S + EVERY_S * k for k in range(max(0, count))]
+    return [time for time in grid if dataset.has_vicon(time)]
+
+
+def score(dataset: Dataset, observer: int, filter_: Filter, landmarks: Landmarks) -> Accumulator:
+    """Run a filter on what one observer logged, and score it."""
+    messages = dataset.messages(observer, landmarks)
+    times, identities = _sightings(messages)
+    scored = Accumulator(p=2.0, c=CUT_OFF_M)
+    when = instants(dataset)
+    estimates = run(filter_, messages, when, scored.update_seconds)
+    for time, estimate in zip(when, estimates, strict=True):
+        recent = identities[(times > time - REMEMBER_S) & (times <= time)]
+        truth = dataset.truth(observer, time)
+        wanted = np.isin(truth.identities, recent)
+        others = np.concatenate(
+            (truth.positions[~wanted], dataset.landmarks_seen_from(observer, time))
+        )
+        scored.add(truth.positions[wanted], others, estimate)
+    return scored
+
+
+def evaluate(
+    dataset: Dataset,
+    filters: Mapping[str, Callable[[], Filter]],
+    landmarks: Landmarks,
+    source: str,
+) -> list[Row]:
+    """Rows of each filter: one for every observer, then all of them pooled."""
+    rows = []
+    for name, new_filter in filters.items():
+        runs = {robot: score(dataset, robot, new_filter(), landmarks) for robot in dataset.robots}
+        rows += [run_.row(source, str(robot), name, SENSORS) for robot, run_ in runs.items()]
+        rows.append(Accumulator.pooled(runs.values()).row(source, "all", name, SENSORS))
+    return rows
+
+
+def _sightings(
+    messages: list[Displacement | Positions],
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], IntArray]:
+    """Time (n,) and robot (n,) of every reading of a robot."""
+    seen = [
+        (message.time, int(identity))
+        for message in messages
+        if isinstance(message, Positions) and message.identities is not None
+        for identity in message.identities
+        if identity >= 0
+    ]
+    return np.array([time for time, _ in seen]), np.array([who for _, who in seen], dtype=np.int64)

@@ -1,0 +1,246 @@
+"""UTIAS MR.CLAM recordings: robots with a camera that reads barcodes, odometry and Vicon truth.
+
+A dataset is a folder of `RobotN_Odometry.dat`, `RobotN_Measurement.dat`, `RobotN_Groundtruth.dat`,
+`Barcodes.dat` and `Landmark_Groundtruth.dat`. Source: Leung, Halpern, Barfoot & Liu, "The UTIAS
+multi-robot cooperative localization and mapping dataset", IJRR 30(8), 2011.
+
+The figures of the sensor's and the odometry's noise below were measured in dataset 6 against
+Vicon; docs/recordings.md tells how.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from host.errors import UserError
+from host.geometry import to_frame
+from host.messages import Displacement, FloatArray, IntArray, Positions, Truth
+
+Landmarks = Literal["drop", "clutter"]
+
+ROBOTS = (1, 2, 3, 4, 5)  # subjects above these are landmarks
+
+# The camera: readings lie 3 cm beyond truth; the noise of range grows with range.
+RANGE_BIAS_M = 0.03
+RANGE_STD_M, RANGE_STD_PER_M = 0.03, 0.031
+BEARING_STD_RAD = 0.0105
+FRAME_PERIOD_S = 0.236
+_SAME_FRAME_S = 0.005  # readings of one frame are stamped up to 1 ms apart
+
+# The odometry is the commanded velocity, not corrected for its gains (turning 0.71 to 0.98 by
+# robot) nor its lag; so this noise is far above that of encoders. Per m, per rad and per second.
+TRANSLATION_VARIANCE_PER_M = 0.002
+HEADING_VARIANCE_PER_RAD = 0.016
+HEADING_VARIANCE_PER_S = 2.4e-4
+
+VICON_GAP_S = 0.2  # neighbouring samples further apart than this are a gap
+
+
+@dataclass(frozen=True, slots=True)
+class RobotLog:
+    """One robot's files, times in seconds since the dataset's start.
+
+    odometry (n, 3): time, forward velocity m/s, turn rate rad/s; it holds until the next row.
+    readings (n, 3): time, range m, bearing rad. subjects (n,): who was read, 0 an unknown barcode.
+    vicon (n, 4): time, x m, y m, heading rad (not wrapped) in the hall's frame.
+    """
+
+    odometry: FloatArray
+    readings: FloatArray
+    subjects: IntArray
+    vicon: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """A whole MR.CLAM dataset. landmarks (k, 2): in the hall's frame, m. span: when every robot's
+    Vicon record has begun and none has ended, s."""
+
+    robots: dict[int, RobotLog]
+    landmarks: FloatArray
+    span: tuple[float, float]
+
+    def messages(self, observer: int, landmarks: Landmarks) -> list[Displacement | Positions]:
+        """What `observer` drove and saw, in time order; a displacement ends at every frame.
+
+        Each camera frame is one `Positions`. The log has no frame in which nothing was read, but
+        the camera ran on at its period: those frames are put in, empty, between the logged ones.
+        landmarks: "drop" leaves their readings out (their frames stay), "clutter" keeps them.
+        Identities are 1 to 5 for robots, -1 for landmarks and unknown barcodes.
+        """
+        log = self.robots[observer]
+        logged = list(_frames(log.readings[:, 0]))
+        times = np.array([log.readings[rows.start, 0] for rows in logged])
+        frames = [_positions(log, rows, landmarks) for rows in logged]
+        frames += [_positions(log, slice(0, 0), landmarks, float(t)) for t in _unlogged(times)]
+        steps = _displacements(log.odometry, np.array([frame.time for frame in frames]))
+        # Stable, so that at equal times the displacement comes first.
+        return sorted([*steps, *frames], key=lambda message: message.time)
+
+    def has_vicon(self, time: float) -> bool:
+        """Whether Vicon saw every robot around `time`: no gap of its record lies there."""
+        return all(_covered(log.vicon[:, 0], time) for log in self.robots.values())
+
+    def pose(self, robot: int, time: float) -> FloatArray:
+        """The robot's pose (3,) in the hall's frame, interpolated from Vicon: m, m, rad."""
+        vicon = self.robots[robot].vicon
+        return np.array([np.interp(time, vicon[:, 0], vicon[:, k]) for k in (1, 2, 3)])
+
+    def truth(self, observer: int, time: float) -> Truth:
+        """Where the other robots are in the observer's frame."""
+        others = [robot for robot in self.robots if robot != observer]
+        positions = np.array([self.pose(robot, time)[:2] for robot in others])
+        return Truth(time, np.array(others), to_frame(positions, self.pose(observer, time)))
+
+    def landmarks_seen_from(self, observer: int, time: float) -> FloatArray:
+        """Where the landmarks (k, 2) are in the observer's frame, m."""
+        return to_frame(self.landmarks, self.pose(observer, time))
+
+
+def load(folder: Path) -> Dataset:
+    """Read a dataset. Raises UserError naming file and line for what is missing or torn."""
+    if not folder.is_dir():
+        raise UserError(
+            f"there is no MR.CLAM dataset at {folder}",
+            "no such folder",
+            "unpack a dataset from asrl.utias.utoronto.ca/datasets/mrclam and give its folder",
+        )
+    subjects = {
+        int(barcode): int(subject) for subject, barcode in _table(folder, "Barcodes.dat", 2)
+    }
+    landmarks = _table(folder, "Landmark_Groundtruth.dat", 5)
+    tables = {
+        robot: (
+            _table(folder, f"Robot{robot}_Odometry.dat", 3, in_time=True),
+            _table(folder, f"Robot{robot}_Measurement.dat", 4, in_time=True),
+            _table(folder, f"Robot{robot}_Groundtruth.dat", 4, in_time=True),
+        )
+        for robot in ROBOTS
+    }
+    start = min(vicon[0, 0] for _, _, vicon in tables.values())
+    logs = {}
+    for robot, (odometry, readings, vicon) in tables.items():
+        for table in (odometry, readings, vicon):
+            table[:, 0] -= start
+        vicon[:, 3] = np.unwrap(vicon[:, 3])
+        who = np.array([subjects.get(int(code), 0) for code in readings[:, 1]], dtype=np.int64)
+        logs[robot] = RobotLog(odometry, readings[:, (0, 2, 3)], who, vicon)
+    span = (
+        max(float(log.vicon[0, 0]) for log in logs.values()),
+        min(float(log.vicon[-1, 0]) for log in logs.values()),
+    )
+    return Dataset(logs, landmarks[:, 1:3], span)
+
+
+def _table(folder: Path, name: str, columns: int, in_time: bool = False) -> FloatArray:
+    """The numbers of one file (n, columns), n at least 1; in_time: the first one never falls."""
+    path = folder / name
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not a text file"
+        raise UserError(
+            f"cannot read {path}", why or str(error), "the dataset is incomplete: unpack it again"
+        ) from error
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, 1):
+        if line.startswith("#") or not line.strip():
+            continue
+        row = _numbers(line)
+        if len(row) != columns or not all(map(math.isfinite, row)):
+            raise _torn(path, number, f"expected {columns} numbers, found {line.strip()!r}")
+        if in_time and rows and row[0] < rows[-1][0]:
+            raise _torn(path, number, f"time goes back from {rows[-1][0]:.3f} to {row[0]:.3f} s")
+        rows.append(row)
+    if not rows:
+        raise _torn(path, len(lines), "the file holds no numbers")
+    # Column by column in memory, so that interpolating a column copies nothing.
+    return np.asfortranarray(rows)
+
+
+def _numbers(line: str) -> list[float]:
+    try:
+        return list(map(float, line.split()))
+    except ValueError:
+        return []
+
+
+def _torn(path: Path, line: int, why: str) -> UserError:
+    return UserError(
+        f"{path}, line {line}: not MR.CLAM data", why, "the file is damaged: unpack it again"
+    )
+
+
+def _frames(times: FloatArray) -> Iterator[slice]:
+    """The rows of each camera frame: readings stamped within 5 ms of the frame's first."""
+    first = 0
+    for k in range(1, len(times) + 1):
+        if k == len(times) or times[k] - times[first] > _SAME_FRAME_S:
+            yield slice(first, k)
+            first = k
+
+
+def _unlogged(times: FloatArray) -> FloatArray:
+    """Times of the frames without readings: as many as fit evenly between logged neighbours."""
+    gaps = np.diff(times)
+    parts = np.maximum(1, np.round(gaps / FRAME_PERIOD_S)).astype(int)
+    inner = [
+        start + gap * np.arange(1, n) / n
+        for start, gap, n in zip(times[:-1], gaps, parts, strict=True)
+    ]
+    return np.concatenate([*inner, np.zeros(0)])
+
+
+def _positions(
+    log: RobotLog, rows: slice, landmarks: Landmarks, time: float | None = None
+) -> Positions:
+    """One frame's readings as positions; `time` where the frame has no readings to tell it."""
+    readings, who = log.readings[rows], log.subjects[rows]
+    when = float(readings[0, 0]) if time is None else time
+    is_landmark = who > ROBOTS[-1]
+    if landmarks == "drop":
+        readings, who, is_landmark = (a[~is_landmark] for a in (readings, who, is_landmark))
+    distance, bearing = readings[:, 1] - RANGE_BIAS_M, readings[:, 2]
+    along = np.stack((np.cos(bearing), np.sin(bearing)), axis=1)
+    across = along[:, ::-1] * np.array([-1.0, 1.0])
+    radial = (RANGE_STD_M + RANGE_STD_PER_M * distance) ** 2
+    lateral = (BEARING_STD_RAD * distance) ** 2
+    return Positions(
+        time=when,
+        positions=distance[:, None] * along,
+        covariances=radial[:, None, None] * along[:, :, None] * along[:, None, :]
+        + lateral[:, None, None] * across[:, :, None] * across[:, None, :],
+        identities=np.where(is_landmark | (who == 0), -1, who),
+    )
+
+
+def _displacements(odometry: FloatArray, frame_times: FloatArray) -> list[Displacement]:
+    """The logged velocities, each held until the next, as arcs that end at log and frame times."""
+    times = odometry[:, 0]
+    inside = frame_times[(frame_times > times[0]) & (frame_times < times[-1])]
+    grid = np.union1d(times, inside)
+    rows = np.searchsorted(times, grid[:-1], side="right") - 1
+    intervals = np.diff(grid)
+    lengths, turns = odometry[rows, 1] * intervals, odometry[rows, 2] * intervals
+    chords = lengths * np.sinc(turns / (2.0 * np.pi))
+    columns = (
+        grid[1:],
+        intervals,
+        chords * np.cos(turns / 2.0),
+        chords * np.sin(turns / 2.0),
+        turns,
+        TRANSLATION_VARIANCE_PER_M * np.abs(lengths),
+        HEADING_VARIANCE_PER_RAD * np.abs(turns) + HEADING_VARIANCE_PER_S * intervals,
+    )
+    return [Displacement(*row) for row in np.stack(columns, axis=1).tolist()]
+
+
+def _covered(times: FloatArray, time: float) -> bool:
+    after = int(np.searchsorted(times, time, side="right"))
+    if after == len(times):
+        return bool(times[-1] == time)
+    return after > 0 and bool(times[after] - times[after - 1] <= VICON_GAP_S)
