@@ -1,0 +1,121 @@
+/* Written by tools/generate_protocol.py from firmware/romeo_odometry/protocol.toml. Do not edit. */
+#ifndef ROMEO_PROTOCOL_H
+#define ROMEO_PROTOCOL_H
+
+#include <assert.h>
+#include <stdint.h>
+
+#if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "frames are little-endian"
+#endif
+
+#define PROTOCOL_HASH 0x7542284eUL
+#define PROTOCOL_DELIMITER 0x00
+/* Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes. */
+#define PROTOCOL_LARGEST_FRAME 20
+#define PROTOCOL_LARGEST_ENCODED 24
+
+/* [ms] without a velocity frame for so long, both wheels stop */
+#define PROTOCOL_COMMAND_TIMEOUT_MS 300
+/* [Hz] displacement frames a second, by default */
+#define PROTOCOL_REPORT_RATE_HZ 50
+/* [Hz] lowest report rate */
+#define PROTOCOL_REPORT_RATE_MIN_HZ 10
+/* [Hz] highest report rate */
+#define PROTOCOL_REPORT_RATE_MAX_HZ 100
+/* [1] identity.board of a DFRobot Romeo V2 */
+#define PROTOCOL_BOARD_ROMEO_V2 1
+
+/* Host to board. Who are you? The board answers with identity, at any time and as often as
+ * asked. */
+#define HELLO_ID 0x01
+struct __attribute__((packed)) hello_frame {
+    uint8_t id; /* HELLO_ID */
+};
+static_assert(sizeof(struct hello_frame) == 1, "hello_frame is not packed");
+
+/* Board to host. The answer to hello. */
+#define IDENTITY_ID 0x02
+struct __attribute__((packed)) identity_frame {
+    uint8_t id; /* IDENTITY_ID */
+    /* [1] hash of the definition the firmware was built with */
+    uint32_t protocol_hash;
+    /* [1] firmware version */
+    uint8_t version_major;
+    /* [1] firmware version */
+    uint8_t version_minor;
+    /* [1] firmware version */
+    uint8_t version_patch;
+    /* [1] kind of board, one of the board_ constants */
+    uint8_t board;
+};
+static_assert(sizeof(struct identity_frame) == 9, "identity_frame is not packed");
+
+/* Board to host. How far the wheels have turned; sent at the report rate, whether or not they
+ * move. */
+#define DISPLACEMENT_ID 0x10
+/* no hello since start: a host that has said hello learns from it that the board restarted */
+#define DISPLACEMENT_STATUS_FRESH 0x01
+/* the last velocity is older than the command timeout: wheels stopped; clear before the first */
+#define DISPLACEMENT_STATUS_COMMAND_TIMED_OUT 0x02
+/* the stored settings were missing or damaged: defaults are in force until the next write */
+#define DISPLACEMENT_STATUS_SETTINGS_DEFAULTED 0x04
+struct __attribute__((packed)) displacement_frame {
+    uint8_t id; /* DISPLACEMENT_ID */
+    /* [frames] counts up by one a frame, dropped ones included */
+    uint16_t sequence;
+    /* [us] micros() when both counters were read; wraps after 71.6 min */
+    uint32_t board_time_us;
+    /* [ticks] running count of the left encoder since start, forward positive, modulo 2^32 */
+    int32_t left_ticks;
+    /* [ticks] running count of the right encoder since start, forward positive, modulo 2^32 */
+    int32_t right_ticks;
+    /* [bits] see the bits */
+    uint8_t status;
+    /* [frames] not sent since start because the host did not read; stays at 65535 */
+    uint16_t dropped_frames;
+    /* [frames] received since start and refused (COBS, CRC, id or length); stays at 65535 */
+    uint16_t bad_frames;
+};
+static_assert(sizeof(struct displacement_frame) == 20, "displacement_frame is not packed");
+
+/* Host to board. Wanted wheel speeds, in force until the next one or the command timeout. */
+#define VELOCITY_ID 0x11
+struct __attribute__((packed)) velocity_frame {
+    uint8_t id; /* VELOCITY_ID */
+    /* [ticks/s] left wheel, forward positive */
+    int16_t left_ticks_per_s;
+    /* [ticks/s] right wheel, forward positive */
+    int16_t right_ticks_per_s;
+};
+static_assert(sizeof(struct velocity_frame) == 5, "velocity_frame is not packed");
+
+/* Host to board. The board answers with settings. */
+#define READ_SETTINGS_ID 0x20
+struct __attribute__((packed)) read_settings_frame {
+    uint8_t id; /* READ_SETTINGS_ID */
+};
+static_assert(sizeof(struct read_settings_frame) == 1, "read_settings_frame is not packed");
+
+/* Both ways. To the board: store these and use them from now on. From the board: those in
+ * force; its answer to read_settings and to a write (values out of range are brought to the
+ * nearest bound). */
+#define SETTINGS_ID 0x21
+/* level high on the left direction pin drives backward */
+#define SETTINGS_REVERSED_LEFT_MOTOR 0x01
+/* level high on the right direction pin drives backward */
+#define SETTINGS_REVERSED_RIGHT_MOTOR 0x02
+/* the left encoder counts down when driving forward */
+#define SETTINGS_REVERSED_LEFT_ENCODER 0x04
+/* the right encoder counts down when driving forward */
+#define SETTINGS_REVERSED_RIGHT_ENCODER 0x08
+struct __attribute__((packed)) settings_frame {
+    uint8_t id; /* SETTINGS_ID */
+    /* [Hz] displacement frames a second, between report_rate_min_hz and report_rate_max_hz */
+    uint8_t report_rate_hz;
+    /* [bits] what is wired the other way round, see the bits */
+    uint8_t reversed;
+};
+static_assert(sizeof(struct settings_frame) == 3, "settings_frame is not packed");
+
+#endif

@@ -1,0 +1,168 @@
+"""The board's frames as values: one frozen dataclass a frame.
+
+Written by tools/generate_protocol.py from firmware/romeo_odometry/protocol.toml.
+Do not edit; `romeo_framing` packs and unpacks them.
+"""
+
+from dataclasses import dataclass
+from enum import IntFlag
+from struct import Struct
+from typing import ClassVar
+
+PROTOCOL_HASH = 0x7542284E
+# Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes.
+LARGEST_FRAME = 20
+LARGEST_ENCODED = 24
+
+# [ms] without a velocity frame for so long, both wheels stop
+COMMAND_TIMEOUT_MS = 300
+# [Hz] displacement frames a second, by default
+REPORT_RATE_HZ = 50
+# [Hz] lowest report rate
+REPORT_RATE_MIN_HZ = 10
+# [Hz] highest report rate
+REPORT_RATE_MAX_HZ = 100
+# [1] identity.board of a DFRobot Romeo V2
+BOARD_ROMEO_V2 = 1
+
+
+@dataclass(frozen=True, slots=True)
+class HelloFrame:
+    """Host to board. Who are you? The board answers with identity, at any time and as often as
+    asked."""
+
+    ID: ClassVar[int] = 0x01
+    LAYOUT: ClassVar[Struct] = Struct("<B")
+
+
+@dataclass(frozen=True, slots=True)
+class IdentityFrame:
+    """Board to host. The answer to hello.
+
+    protocol_hash [1]: hash of the definition the firmware was built with.
+    version_major [1]: firmware version.
+    version_minor [1]: firmware version.
+    version_patch [1]: firmware version.
+    board [1]: kind of board, one of the board_ constants.
+    """
+
+    ID: ClassVar[int] = 0x02
+    LAYOUT: ClassVar[Struct] = Struct("<BIBBBB")
+
+    protocol_hash: int
+    version_major: int
+    version_minor: int
+    version_patch: int
+    board: int
+
+
+class DisplacementStatus(IntFlag):
+    """Bits of `DisplacementFrame.status`."""
+
+    # no hello since start: a host that has said hello learns from it that the board restarted
+    FRESH = 0x01
+    # the last velocity is older than the command timeout: wheels stopped; clear before the first
+    COMMAND_TIMED_OUT = 0x02
+    # the stored settings were missing or damaged: defaults are in force until the next write
+    SETTINGS_DEFAULTED = 0x04
+
+
+@dataclass(frozen=True, slots=True)
+class DisplacementFrame:
+    """Board to host. How far the wheels have turned; sent at the report rate, whether or not
+    they move.
+
+    sequence [frames]: counts up by one a frame, dropped ones included.
+    board_time_us [us]: micros() when both counters were read; wraps after 71.6 min.
+    left_ticks [ticks]: running count of the left encoder since start, forward positive, modulo
+    2^32.
+    right_ticks [ticks]: running count of the right encoder since start, forward positive, modulo
+    2^32.
+    status [bits]: see the bits.
+    dropped_frames [frames]: not sent since start because the host did not read; stays at 65535.
+    bad_frames [frames]: received since start and refused (COBS, CRC, id or length); stays at
+    65535.
+    """
+
+    ID: ClassVar[int] = 0x10
+    LAYOUT: ClassVar[Struct] = Struct("<BHIiiBHH")
+
+    sequence: int
+    board_time_us: int
+    left_ticks: int
+    right_ticks: int
+    status: int
+    dropped_frames: int
+    bad_frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityFrame:
+    """Host to board. Wanted wheel speeds, in force until the next one or the command timeout.
+
+    left_ticks_per_s [ticks/s]: left wheel, forward positive.
+    right_ticks_per_s [ticks/s]: right wheel, forward positive.
+    """
+
+    ID: ClassVar[int] = 0x11
+    LAYOUT: ClassVar[Struct] = Struct("<Bhh")
+
+    left_ticks_per_s: int
+    right_ticks_per_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadSettingsFrame:
+    """Host to board. The board answers with settings."""
+
+    ID: ClassVar[int] = 0x20
+    LAYOUT: ClassVar[Struct] = Struct("<B")
+
+
+class SettingsReversed(IntFlag):
+    """Bits of `SettingsFrame.reversed`."""
+
+    # level high on the left direction pin drives backward
+    LEFT_MOTOR = 0x01
+    # level high on the right direction pin drives backward
+    RIGHT_MOTOR = 0x02
+    # the left encoder counts down when driving forward
+    LEFT_ENCODER = 0x04
+    # the right encoder counts down when driving forward
+    RIGHT_ENCODER = 0x08
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsFrame:
+    """Both ways. To the board: store these and use them from now on. From the board: those in
+    force; its answer to read_settings and to a write (values out of range are brought to the
+    nearest bound).
+
+    report_rate_hz [Hz]: displacement frames a second, between report_rate_min_hz and
+    report_rate_max_hz.
+    reversed [bits]: what is wired the other way round, see the bits.
+    """
+
+    ID: ClassVar[int] = 0x21
+    LAYOUT: ClassVar[Struct] = Struct("<BBB")
+
+    report_rate_hz: int
+    reversed: int
+
+
+Frame = (
+    HelloFrame
+    | IdentityFrame
+    | DisplacementFrame
+    | VelocityFrame
+    | ReadSettingsFrame
+    | SettingsFrame
+)
+FRAMES: dict[int, type[Frame]] = {
+    HelloFrame.ID: HelloFrame,
+    IdentityFrame.ID: IdentityFrame,
+    DisplacementFrame.ID: DisplacementFrame,
+    VelocityFrame.ID: VelocityFrame,
+    ReadSettingsFrame.ID: ReadSettingsFrame,
+    SettingsFrame.ID: SettingsFrame,
+}
