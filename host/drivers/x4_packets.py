@@ -1,0 +1,166 @@
+"""The sample packets of the YDLidar X4: layout, angle correction, and how to tell one from noise.
+
+    AA 55 | CT | LSN | FSA (2) | LSA (2) | CS (2) | Si (2) x LSN        little-endian
+
+CT bit 0: first packet of a turn, with LSN = 1 and turns per second x 10 in CT bits 7:1.
+FSA, LSA: clockwise angle of the first and last sample in 1/64 deg, shifted left by one, bit 0
+set. Si: range in 1/4 mm, 0 = no return. CS makes the XOR of all 16-bit words of a packet 0.
+Source: YDLidar X4 Development Manual 1.6, section 4.
+"""
+
+import itertools
+import math
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from host.messages import FloatArray, IntArray
+
+BAUDRATE = 128_000
+BITS_PER_BYTE = 10  # 8N1
+SAMPLE_RATE_HZ = 5000.0
+HEADER = b"\xaa\x55"
+HEADER_LENGTH = 10
+MAX_SAMPLES = 40
+MAX_LENGTH = HEADER_LENGTH + 2 * MAX_SAMPLES
+UNITS_PER_TURN = 360 * 64
+UNIT_RAD = 2.0 * math.pi / UNITS_PER_TURN
+STEP_M = 0.00025  # one unit of Si
+# 12 turns/s, the motor's fastest, make 0.86 deg a sample; beyond 2 deg the angles are damaged.
+_MAX_UNITS_PER_SAMPLE = 128
+# The emitter sits 21.8 mm beside the axis and its beam crosses the axis' plane at 155.3 mm.
+EMITTER_OFFSET_M = 0.0218
+CROSSING_M = 0.1553
+
+_LAYOUT = struct.Struct("<HBBHHH")
+
+
+def angle_correction(ranges: ArrayLike) -> FloatArray:
+    """What to add to the raw clockwise angle (rad) of samples at `ranges` (m, any shape).
+
+    atan(21.8 (155.3 - d) / (155.3 d)), d in mm: -6.9 deg at 1 m; 0 where nothing came back. The
+    point lies at polar (d, raw + correction): to 0.2 mm the line that leaves 21.8 mm beside the
+    axis (clockwise) and turns back towards it by atan(21.8/155.3).
+    """
+    d = np.asarray(ranges, dtype=float)
+    hit = d > 0.0
+    safe = np.where(hit, d, 1.0)
+    angle = np.arctan(EMITTER_OFFSET_M * (CROSSING_M - safe) / (CROSSING_M * safe))
+    return np.where(hit, angle, 0.0)
+
+
+class Header(NamedTuple):
+    """The fields of a packet that looks sound.
+
+    turn_rate: in 0.1 turns a second, of the first packet of a turn, where the lidar tells it.
+    size: samples; first: raw angle of the first, 1/64 deg; span: from there to the last one.
+    """
+
+    starts_turn: bool
+    turn_rate: int
+    size: int
+    first: int
+    span: int
+
+
+def _read_header(data: bytes, start: int) -> Header | None:
+    """The fields of the packet at `start` (10 bytes must be there); None for what no X4 sends."""
+    _, kind, size, fsa, lsa, _ = _LAYOUT.unpack_from(data, start)
+    first = fsa >> 1
+    last = lsa >> 1
+    span = (last - first) % UNITS_PER_TURN
+    if (
+        (kind != 0 and (size != 1 or not kind & 1))
+        or not 1 <= size <= MAX_SAMPLES
+        or not fsa & lsa & 1
+        or first > UNITS_PER_TURN
+        or last > UNITS_PER_TURN
+        or span > _MAX_UNITS_PER_SAMPLE * size
+    ):
+        return None
+    return Header(kind & 1 == 1, kind >> 1, size, first, span)
+
+
+def xor_of_words(data: bytes) -> int:
+    """XOR of the 16-bit words of up to 128 bytes, by folding them as one integer in halves."""
+    x = int.from_bytes(data, "little")
+    x ^= x >> 512
+    x ^= x >> 256
+    x ^= x >> 128
+    x ^= x >> 64
+    x ^= x >> 32
+    return (x ^ x >> 16) & 0xFFFF
+
+
+def _check_length(data: bytes, start: int, header: Header) -> Header | str | None:
+    """What `read_packet` returns for a packet with the right checksum and no packet behind it.
+
+    An XOR of words does not notice words that cancel, and where most samples are 0 a damaged LSN
+    or a loss of bytes can leave it right. Then the next packet begins inside this one, or where
+    this one would end with one more bit set in LSN.
+    """
+    end = start + HEADER_LENGTH + 2 * header.size
+    if len(data) < end + len(HEADER):
+        return None
+    if data.find(HEADER, start + len(HEADER), end) >= 0:
+        return "implausible_packets"
+    for bit in range(6):
+        longer = header.size | 1 << bit
+        if longer == header.size or longer > MAX_SAMPLES:
+            continue
+        other_end = start + HEADER_LENGTH + 2 * longer
+        if len(data) < other_end + len(HEADER):
+            return None
+        damage = 1 << (8 + bit)
+        if data.startswith(HEADER, other_end) and xor_of_words(data[start:other_end]) == damage:
+            return "implausible_packets"
+    return header
+
+
+def read_packet(data: bytes, start: int) -> Header | str | None:
+    """The packet that begins at `start` with AA 55, where it is sound.
+
+    Else what is wrong with it, by the name of its counter; None where it takes more bytes to tell.
+    """
+    if len(data) < start + HEADER_LENGTH:
+        return None
+    header = _read_header(data, start)
+    if header is None:
+        return "implausible_packets"
+    end = start + HEADER_LENGTH + 2 * header.size
+    if len(data) < end:
+        return None
+    if xor_of_words(data[start:end]):
+        return "checksum_errors"
+    if header.starts_turn or data.startswith(HEADER, end):
+        return header
+    return _check_length(data, start, header)
+
+
+def encode_packet(
+    samples: IntArray, first: int, last: int, starts_turn: bool = False, turn_rate_hz: float = 0.0
+) -> bytes:
+    """One packet. samples (n,) in 1/4 mm, 1 <= n <= 40; first, last raw angle in 1/64 deg."""
+    kind = 1 | round(turn_rate_hz * 10.0) << 1 if starts_turn else 0
+    fsa, lsa = (angle % UNITS_PER_TURN << 1 | 1 for angle in (first, last))
+    content = np.asarray(samples).astype("<u2").tobytes()
+    marker = int.from_bytes(HEADER, "little")
+    unchecked = _LAYOUT.pack(marker, kind, len(samples), fsa, lsa, 0)
+    check = xor_of_words(unchecked + content)
+    return _LAYOUT.pack(marker, kind, len(samples), fsa, lsa, check) + content
+
+
+def encode_turn(angles: IntArray, samples: IntArray, turn_rate_hz: float = 0.0) -> list[bytes]:
+    """The packets of one turn: 1 sample, then 40 each, the last one short.
+
+    angles (n,): raw, in 1/64 deg, of which a packet keeps its first and last. samples (n,): 1/4 mm.
+    """
+    bounds = [0, *range(1, len(angles), MAX_SAMPLES), len(angles)]
+    return [
+        encode_packet(
+            samples[begin:end], int(angles[begin]), int(angles[end - 1]), begin == 0, turn_rate_hz
+        )
+        for begin, end in itertools.pairwise(bounds)
+    ]

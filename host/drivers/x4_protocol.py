@@ -1,0 +1,272 @@
+"""YDLidar X4: bytes → turns. Pure and incremental; never raises on garbage, counts it.
+
+The lidar's words are in x4_packets.py (samples) and x4_commands.py (everything else).
+"""
+
+import math
+import re
+
+import numpy as np
+
+from host.drivers.x4_commands import REPLY_HEADER, Reply, parse_reply, reply_length
+from host.drivers.x4_packets import (
+    BAUDRATE,
+    BITS_PER_BYTE,
+    HEADER,
+    HEADER_LENGTH,
+    SAMPLE_RATE_HZ,
+    STEP_M,
+    UNIT_RAD,
+    UNITS_PER_TURN,
+    Header,
+    angle_correction,
+    read_packet,
+)
+from host.messages import Scan
+
+_STARTS = re.compile(re.escape(HEADER) + b"|" + re.escape(REPLY_HEADER))
+_SECONDS_PER_BYTE = BITS_PER_BYTE / BAUDRATE
+# Range and correction of every Si there can be: looked up, an arctangent costs seven times more.
+_RANGES = np.arange(65536) * STEP_M
+_CORRECTIONS = angle_correction(_RANGES)
+
+
+class SampleClock:
+    """When each sample was taken: samples counted at 5000 a second, tied to arrivals.
+
+    A byte can only arrive late, so the earliest arrivals tell the offset between the count and
+    the host's clock; delays of USB and of the scheduler do not enter. The offset may rise by 1 %,
+    which follows a lidar that is slower than it should be by as much.
+    """
+
+    RISE = 0.01
+    LATE_S = 1.0
+    LATE_AFTER_LOSS_S = 0.1
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.offset: float | None = None
+
+    def advance(self, samples: int, arrival: float, lost: int | None) -> bool:
+        """Count `samples` that were complete at `arrival`, after `lost` ones (None: nothing lost).
+
+        False where the time between is unknown, so that the clock starts anew.
+        """
+        step = samples + (lost or 0)
+        self.count += step
+        offset = arrival - (self.count - 1) / SAMPLE_RATE_HZ
+        if self.offset is None:
+            self.offset = offset
+            return True
+        late = offset - self.offset
+        if late > (self.LATE_S if lost is None else self.LATE_AFTER_LOSS_S):
+            self.offset = offset
+            return False
+        self.offset = min(offset, self.offset + self.RISE * step / SAMPLE_RATE_HZ)
+        return True
+
+
+class _Turn:
+    """Packets of one turn, kept as they came until the turn is complete."""
+
+    def __init__(self, first: int, by_angle: bool) -> None:
+        self.first = first  # raw angle it began at, 1/64 deg
+        self.by_angle = by_angle  # its first packet was lost: it began by passing that angle
+        self.torn = by_angle
+        self.phase = 0  # 1/64 deg from the turn's first sample to the last packet's
+        self.packets: list[bytes] = []
+        self.counts: list[int] = []  # samples counted before each packet
+
+    def to_scan(self, offset: float) -> Scan:
+        """The turn with both angle corrections, counter-clockwise, at host time."""
+        words = np.frombuffer(b"".join(self.packets), dtype="<u2")
+        header_words = HEADER_LENGTH // 2
+        lengths = np.array([len(packet) // 2 for packet in self.packets])
+        ends = np.cumsum(lengths)
+        begins = ends - lengths
+        sizes = lengths - header_words
+        sample_begins = begins - header_words * np.arange(len(lengths))
+        first = (words[begins + 2] >> 1).astype(float)
+        step = (words[begins + 3] >> 1) - first
+        step[step < 0.0] += UNITS_PER_TURN
+        step /= np.maximum(sizes - 1, 1)
+        # Per packet, what to add to a sample's number in the turn for its word, angle and count.
+        table = np.stack(
+            (
+                begins - sample_begins + header_words,
+                first - step * sample_begins,
+                step,
+                self.counts - sample_begins,
+            )
+        )
+        shift, first, step, count = np.repeat(table, sizes, axis=1)
+        number = np.arange(len(shift))
+        samples = words[number + shift.astype(np.intp)]
+        angles = -(first + step * number) * UNIT_RAD - _CORRECTIONS[samples]
+        np.add(angles, 2.0 * math.pi, out=angles, where=angles < -math.pi)
+        times = offset + (count + number) / SAMPLE_RATE_HZ
+        return Scan(time=float(times[-1]), times=times, angles=angles, ranges=_RANGES[samples])
+
+
+class Decoder:
+    """Turns the byte stream of an X4, cut anywhere, into scans and replies.
+
+    counts: by name, since the start. turn_rate_hz: as the lidar tells it, 0 where it does not.
+    A packet is held back until its checksum is right and what follows it does not speak against
+    its length; after a bad one the search goes on right behind its header, so that damage costs
+    the packets it touches and no other.
+    """
+
+    def __init__(self) -> None:
+        self.counts = dict.fromkeys(
+            (
+                "bytes",
+                "bytes_skipped",
+                "packets",
+                "checksum_errors",
+                "implausible_packets",
+                "replies",
+                "points",
+                "points_lost",
+                "turns",
+                "turns_torn",
+                "clock_restarts",
+            ),
+            0,
+        )
+        self.turn_rate_hz = 0.0
+        self._replies: list[Reply] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what is half read: the stream begins anew. Counts go on."""
+        self._buffer = b""
+        self._arrivals: list[tuple[int, float]] = []  # (end in the buffer, when) of each chunk
+        self._clock = SampleClock()
+        self._turn = _Turn(0, by_angle=False)
+        self._previous: Header | None = None
+        self._damaged = False  # something was dropped since the last good packet
+
+    def take_replies(self) -> list[Reply]:
+        """Replies to commands that came since the last call, oldest first."""
+        replies, self._replies = self._replies, []
+        return replies
+
+    def feed(self, data: bytes, arrival: float) -> list[Scan]:
+        """Take the next bytes, read at host time `arrival` (s); return the turns they complete."""
+        if not data:
+            return []
+        self.counts["bytes"] += len(data)
+        self._buffer += data
+        self._arrivals.append((len(self._buffer), arrival))
+        scans: list[Scan] = []
+        position = self._consume(scans)
+        self._buffer = self._buffer[position:]
+        self._arrivals = [(end - position, when) for end, when in self._arrivals if end > position]
+        return scans
+
+    def _consume(self, scans: list[Scan]) -> int:
+        """Read packets and replies off the buffer; return where what is still open begins."""
+        buffer, size = self._buffer, len(self._buffer)
+        position = 0
+        while True:
+            if not buffer.startswith(HEADER, position):
+                match = _STARTS.search(buffer, position)
+                if match is None:
+                    kept = int(size > position and buffer[-1] in (HEADER[0], REPLY_HEADER[0]))
+                    self._skip(size - kept - position)
+                    return size - kept
+                self._skip(match.start() - position)
+                position = match.start()
+            if buffer[position] == HEADER[0]:
+                length = self._read_packet(position, scans)
+            else:
+                length = self._read_reply(position)
+            if length is None:
+                return position
+            if length == 0:
+                length = len(HEADER)
+                self._skip(length)
+            position += length
+
+    def _skip(self, length: int) -> None:
+        if length:
+            self.counts["bytes_skipped"] += length
+            self._damaged = True
+
+    def _read_reply(self, start: int) -> int | None:
+        """Length of the reply at `start`; 0 where there is none, None where it is incomplete."""
+        length = reply_length(self._buffer[start : start + 7])
+        if length == 0:
+            return 0
+        if len(self._buffer) < start + length:
+            return None
+        reply = parse_reply(self._buffer[start : start + length])
+        if reply is None:
+            return 0
+        self.counts["replies"] += 1
+        self._replies.append(reply)
+        return length
+
+    def _read_packet(self, start: int, scans: list[Scan]) -> int | None:
+        """Length of the packet at `start`; 0 where there is none, None where it is incomplete."""
+        header = read_packet(self._buffer, start)
+        if header is None:
+            return None
+        if isinstance(header, str):
+            self.counts[header] += 1
+            return 0
+        length = HEADER_LENGTH + 2 * header.size
+        end = start + length
+        sent = 0.0
+        for chunk_end, arrival in self._arrivals:
+            if chunk_end >= end:
+                sent = arrival - length * _SECONDS_PER_BYTE
+                break
+        self._accept(header, self._buffer[start:end], sent, scans)
+        return length
+
+    def _accept(self, header: Header, packet: bytes, sent: float, scans: list[Scan]) -> None:
+        """Add a sound packet, which was `sent` at the latest, to its turn."""
+        self.counts["packets"] += 1
+        self.counts["points"] += header.size
+        lost = self._lost_before(header) if self._damaged else None
+        if not self._clock.advance(header.size, sent, lost):
+            self.counts["clock_restarts"] += 1
+            self._turn = _Turn(header.first, by_angle=False)
+        turn = self._turn
+        phase = (header.first - turn.first) % UNITS_PER_TURN
+        if header.starts_turn or phase < turn.phase - UNITS_PER_TURN // 4:
+            # A start that follows closely on a turn begun by its angle is the start of that turn.
+            if not (turn.by_angle and phase < UNITS_PER_TURN // 4):
+                turn = self._next_turn(header, scans)
+                phase = 0
+            self.turn_rate_hz = header.turn_rate / 10.0
+        turn.torn |= bool(lost)
+        turn.phase = phase
+        turn.packets.append(packet)
+        turn.counts.append(self._clock.count - header.size)
+        self._previous = header
+
+    def _lost_before(self, header: Header) -> int:
+        """How many samples are missing between the last good packet and this one, by the angles."""
+        self._damaged = False
+        before = self._previous
+        if before is None:
+            return 0
+        known = before if before.size > 1 else header
+        step = known.span / max(1, known.size - 1)
+        gap = (header.first - before.first - before.span) % UNITS_PER_TURN
+        lost = max(0, round(gap / step) - 1) if step > 0.0 else 0
+        self.counts["points_lost"] += lost
+        return lost
+
+    def _next_turn(self, header: Header, scans: list[Scan]) -> _Turn:
+        """End the turn under way before this packet."""
+        turn = self._turn
+        if turn.packets and self._clock.offset is not None:
+            self.counts["turns"] += 1
+            self.counts["turns_torn"] += turn.torn
+            scans.append(turn.to_scan(self._clock.offset))
+        self._turn = _Turn(header.first, by_angle=not header.starts_turn)
+        return self._turn
