@@ -1,6 +1,7 @@
 """No filter at all: each reading is a teammate for some seconds. The floor others stand beside."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from host.estimator.clairvoyant import carry
 from host.messages import Bearings, Displacement, Estimate, Positions
@@ -50,7 +51,7 @@ class LastReading:
         self._ages = np.concatenate((self._ages, np.zeros(len(new))))
         self._labels = np.concatenate((self._labels, labels))
 
-    def _keep(self, kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
         self._positions, self._covariances = self._positions[kept], self._covariances[kept]
         self._ages, self._labels = self._ages[kept], self._labels[kept]
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from host.messages import Estimate, FloatArray, IntArray
@@ -52,7 +53,7 @@ class Row:
 
     def as_json(self) -> dict[str, str | float | None]:
         """The row as JSON values: a figure that does not exist is null."""
-        return {k: None if v != v else v for k, v in asdict(self).items()}
+        return {key: _or_null(value) for key, value in asdict(self).items()}
 
 
 def match(truth: FloatArray, estimates: FloatArray, p: float, c: float) -> tuple[IntArray, ...]:
@@ -177,12 +178,16 @@ class Accumulator:
 
 
 def _nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
-    """Distance (m,) of each truth to its nearest estimate, matched elsewhere or not; inf if none."""
+    """Distance (m,) of each truth to its nearest estimate, matched or not; inf where none."""
     distances = np.linalg.norm(truth[:, None] - estimates[None], axis=2)
     return np.asarray(np.min(distances, axis=1, initial=math.inf))
 
 
-def _mean(values: FloatArray | list[float] | list[int]) -> float:
+def _or_null(value: str | float) -> str | float | None:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _mean(values: FloatArray | NDArray[np.bool_] | list[float] | list[int]) -> float:
     return float(np.mean(values)) if len(values) else math.nan
 
 

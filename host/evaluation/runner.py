@@ -32,33 +32,26 @@ def run(
     for message in messages:
         if not isinstance(message, Positions | Bearings | Displacement):
             continue
-        is_step = isinstance(message, Displacement)
-        if math.isnan(now):
-            now = message.time - (message.interval if is_step else 0.0)
-        if is_step:
+        if isinstance(message, Displacement):
             path.append(message)
+        if math.isnan(now):
+            now = message.time - (message.interval if isinstance(message, Displacement) else 0.0)
         while instant < message.time:
             yield _estimate_at(filter_, path, now, instant)
             instant = next(waiting, math.inf)
-        if is_step:
-            now = _keep_up(filter_, path, now, message.time)
-        else:
+        if not isinstance(message, Displacement):
             start = perf_counter()
             filter_.predict(path.between(now, message.time))
             filter_.update(message)
             update_seconds.append(perf_counter() - start)
             now = message.time
+        elif message.time - now > _CARRY_AT_LEAST_S:
+            # Without readings: before the path forgets how the robot moved.
+            filter_.predict(path.between(now, message.time))
+            now = message.time
     while instant < math.inf:
         yield _estimate_at(filter_, path, now, instant)
         instant = next(waiting, math.inf)
-
-
-def _keep_up(filter_: Filter, path: Path, now: float, time: float) -> float:
-    """Carry a filter without readings before the path forgets how the robot moved since."""
-    if not time - now > _CARRY_AT_LEAST_S:
-        return now
-    filter_.predict(path.between(now, time))
-    return time
 
 
 def _estimate_at(filter_: Filter, path: Path, now: float, instant: float) -> Estimate:

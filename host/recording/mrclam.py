@@ -201,9 +201,9 @@ def _positions(
     """One frame's readings as positions; `time` where the frame has no readings to tell it."""
     readings, who = log.readings[rows], log.subjects[rows]
     when = float(readings[0, 0]) if time is None else time
-    is_landmark = who > ROBOTS[-1]
     if landmarks == "drop":
-        readings, who, is_landmark = (a[~is_landmark] for a in (readings, who, is_landmark))
+        kept = who <= ROBOTS[-1]
+        readings, who = readings[kept], who[kept]
     distance, bearing = readings[:, 1] - RANGE_BIAS_M, readings[:, 2]
     along = np.stack((np.cos(bearing), np.sin(bearing)), axis=1)
     across = along[:, ::-1] * np.array([-1.0, 1.0])
@@ -214,7 +214,7 @@ def _positions(
         positions=distance[:, None] * along,
         covariances=radial[:, None, None] * along[:, :, None] * along[:, None, :]
         + lateral[:, None, None] * across[:, :, None] * across[:, None, :],
-        identities=np.where(is_landmark | (who == 0), -1, who),
+        identities=np.where(np.isin(who, ROBOTS), who, -1),
     )
 
 
