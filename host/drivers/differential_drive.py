@@ -1,0 +1,61 @@
+"""Two driven wheels: encoder ticks to motion, and wanted motion to wheel speeds. Pure."""
+
+import math
+
+from host.config import Wheels
+from host.messages import Displacement
+
+# A metre driven straight makes the heading as uncertain as a turn by so many radians: wheels slip
+# and tyres differ on the straight too, and without it heading would be known for ever.
+TURN_PER_METRE = 0.1
+
+
+def displacement(
+    wheels: Wheels, time: float, interval: float, left_ticks: int, right_ticks: int
+) -> Displacement:
+    """How the robot moved in the `interval` (s) in which the wheels turned by so many ticks.
+
+    Perera 2021, eq. 31 for the distance D and eq. 32 for the turn, here with each wheel's own
+    radius and counter-clockwise positive: dpsi = (right - left) / track. At constant wheel speeds
+    the path is an arc; (dx, dy) is its chord, of length D sin(dpsi/2) / (dpsi/2) and direction
+    dpsi/2. The variances grow with the way: distance_noise² per metre for the translation,
+    heading_noise² per radian turned (and TURN_PER_METRE radians per metre) for the heading.
+    """
+    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
+    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
+    distance, dpsi = (left + right) / 2.0, (right - left) / wheels.track_m
+    half = dpsi / 2.0
+    chord = distance * math.sin(half) / half if half else distance
+    way = abs(distance)
+    return Displacement(
+        time=time,
+        interval=interval,
+        dx=chord * math.cos(half),
+        dy=chord * math.sin(half),
+        dpsi=dpsi,
+        translation_variance=wheels.distance_noise_m**2 * way,
+        heading_variance=wheels.heading_noise_rad**2 * (abs(dpsi) + TURN_PER_METRE * way),
+        ticks=(left_ticks, right_ticks),
+    )
+
+
+def wheel_speeds(wheels: Wheels, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:
+    """Ticks/s (left, right) that drive so fast and turn so fast (counter-clockwise positive)."""
+    difference = turn_rate_radps * wheels.track_m / 2.0
+    return (
+        (speed_mps - difference) / _metres_per_tick(wheels, wheels.left_radius_m),
+        (speed_mps + difference) / _metres_per_tick(wheels, wheels.right_radius_m),
+    )
+
+
+def body_speeds(
+    wheels: Wheels, left_ticks_per_s: float, right_ticks_per_s: float
+) -> tuple[float, float]:
+    """The other way round: speed (m/s) and turn rate (rad/s) at so many ticks/s of each wheel."""
+    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks_per_s
+    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks_per_s
+    return (left + right) / 2.0, (right - left) / wheels.track_m
+
+
+def _metres_per_tick(wheels: Wheels, radius_m: float) -> float:
+    return 2.0 * math.pi * radius_m / wheels.counts_per_turn

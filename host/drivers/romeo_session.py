@@ -1,0 +1,176 @@
+"""The conversation with the board: greet it, take its displacements, send it wheel speeds. Pure.
+
+Bytes and times in, displacements and bytes out; so the same code serves the device, a replay and
+the tests.
+"""
+
+from host.config import Wheels
+from host.drivers.clock import ClockSync
+from host.drivers.differential_drive import displacement
+from host.drivers.romeo_framing import DELIMITER, Decoder, encode
+from host.drivers.romeo_protocol import (
+    PROTOCOL_HASH,
+    DisplacementFrame,
+    DisplacementStatus,
+    HelloFrame,
+    IdentityFrame,
+    VelocityFrame,
+)
+from host.messages import Displacement
+
+HELLO_PERIOD_S = 0.5
+VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
+PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
+STILL = (0, 0)
+
+
+class Session:
+    """What is known of the board, from one connection to the next."""
+
+    def __init__(self, wheels: Wheels) -> None:
+        self._wheels = wheels
+        self._decoder = Decoder()
+        self._clock = ClockSync()
+        self._counts = {"connections": 0, "restarts": 0, "lost": 0}
+        self._by_board = {"dropped_by_board": 0, "refused_by_board": 0}
+        self._connected, self._heard, self._restarted = 0.0, False, False
+        self._greet(0.0)
+
+    def connect(self, now: float) -> None:
+        """A port was opened at `now` (s): greet whoever is there."""
+        self._counts["connections"] += 1
+        self._decoder.feed(DELIMITER)
+        self._connected, self._heard, self._restarted = now, False, False
+        self._greet(now)
+
+    def _greet(self, now: float) -> None:
+        self._identity: IdentityFrame | None = None
+        self._next_hello = now
+        self._last_report = now
+        self._next_velocity = now
+        self._sent = STILL
+        # The last frame that a displacement ended with, and the host time of it.
+        self._base: tuple[DisplacementFrame, float] | None = None
+        self._last: DisplacementFrame | None = None
+        self._clock.forget()
+
+    @property
+    def greeted(self) -> bool:
+        """Has the board introduced itself, and does it speak the host's protocol?"""
+        return self._identity is not None and self._identity.protocol_hash == PROTOCOL_HASH
+
+    def receive(self, data: bytes, now: float) -> list[Displacement]:
+        """The displacements that end in `data`, which arrived at `now` (s)."""
+        self._heard = self._heard or bool(data)
+        found = []
+        for frame in self._decoder.feed(data):
+            if isinstance(frame, IdentityFrame):
+                self._introduce(frame, now)
+            elif isinstance(frame, DisplacementFrame) and self.greeted:
+                step = self._step(frame, now)
+                if step is not None:
+                    found.append(step)
+        return found
+
+    def _introduce(self, frame: IdentityFrame, now: float) -> None:
+        if not self.greeted:
+            self._last_report = now
+        self._identity = frame
+        self._restarted = False
+
+    def _step(self, frame: DisplacementFrame, now: float) -> Displacement | None:
+        restarts = self._clock.restarts
+        time = self._clock.update(frame.board_time_us, now)
+        if frame.status & DisplacementStatus.FRESH or self._clock.restarts != restarts:
+            self._counts["restarts"] += 1
+            self._restarted = True
+            self._greet(now)
+            return None
+        if self._last is not None:
+            self._counts["lost"] += (frame.sequence - self._last.sequence - 1) % (1 << 16)
+        self._last, self._last_report = frame, now
+        self._by_board = {
+            "dropped_by_board": frame.dropped_frames,
+            "refused_by_board": frame.bad_frames,
+        }
+        if self._base is None:
+            self._base = frame, time
+            return None
+        base, base_time = self._base
+        if time <= base_time:
+            # The clock has just learned that frames travel faster than it took them to; the
+            # counters run on, so the next displacement brings these ticks too.
+            return None
+        self._base = frame, time
+        return displacement(
+            self._wheels,
+            time,
+            time - base_time,
+            _difference(frame.left_ticks, base.left_ticks),
+            _difference(frame.right_ticks, base.right_ticks),
+        )
+
+    def transmit(self, now: float, wanted: tuple[int, int] | None) -> bytes:
+        """What to send at `now` (s). wanted: ticks/s (left, right), or None to command nothing."""
+        if not self.greeted:
+            if now < self._next_hello:
+                return b""
+            self._next_hello = now + HELLO_PERIOD_S
+            return DELIMITER + encode(HelloFrame())
+        if wanted is None:
+            return self.stop() if self._sent != STILL else b""
+        if wanted == self._sent and now < self._next_velocity:
+            return b""
+        self._sent, self._next_velocity = wanted, now + VELOCITY_PERIOD_S
+        return encode(VelocityFrame(*wanted))
+
+    def stop(self) -> bytes:
+        """What stops the wheels; nothing where the board would not understand it."""
+        self._sent = STILL
+        return encode(VelocityFrame(*STILL)) if self.greeted else b""
+
+    def state(self, now: float) -> tuple[bool, str]:
+        """Does the board deliver, and if not, why and what to do (in words)."""
+        identity = self._identity
+        if identity is None:
+            return False, self._unanswered(now)
+        if not self.greeted:
+            return False, (
+                f"firmware speaks {identity.protocol_hash:08x}, host speaks {PROTOCOL_HASH:08x}: "
+                "run `swarmloc flash`"
+            )
+        if now > self._last_report + PATIENCE_S:
+            return False, "the board fell silent: check its power, press its reset button"
+        version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+        if self._last and self._last.status & DisplacementStatus.SETTINGS_DEFAULTED:
+            return True, f"firmware {version}; stored settings were lost, defaults are in force"
+        return True, f"firmware {version}"
+
+    def _unanswered(self, now: float) -> str:
+        if self._restarted and now < self._last_report + PATIENCE_S:
+            return "the board restarted (power dip, reset button or watchdog): greeting it again"
+        if now < self._connected + PATIENCE_S:
+            return "greeting the board"
+        if self._heard:
+            return "it sends bytes but does not introduce itself as ours: run `swarmloc flash`"
+        return (
+            "the board does not answer: press its reset button; if that does not help, "
+            "run `swarmloc flash`"
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Frames and events since the session was made, by name."""
+        decoded = self._decoder.counts
+        return {
+            "frames": decoded.accepted,
+            "refused": decoded.refused,
+            "late": self._clock.late,
+            **self._counts,
+            **self._by_board,
+        }
+
+
+def _difference(now: int, before: int) -> int:
+    """How far a 32-bit counter has gone, the shorter way round."""
+    half = 1 << 31
+    return (now - before + half) % (1 << 32) - half
