@@ -1,0 +1,213 @@
+"""The simulated robot in real time: its lidar and board on pseudo-terminals, its camera a thread.
+
+The real drivers open the terminals as they would open serial ports.
+"""
+
+import contextlib
+import os
+import select
+import tempfile
+import threading
+import time
+import tty
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from host.config import RobotConfig
+from host.drivers.x4_commands import RESET
+from host.messages import Bearings, Health, Message, Truth
+from host.simulation.scenarios import Scenario
+from host.simulation.world import Simulation
+
+PUMP_S = 0.01
+HEALTH_S = 1.0
+CAMERA = "camera"
+
+Interval = tuple[float, float]
+
+
+class Terminal:
+    """A serial port that is not there: the host opens `path`, the device reads and writes here."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._master: int | None = None
+
+    @property
+    def plugged(self) -> bool:
+        """Is there a port under the path?"""
+        return self._master is not None
+
+    def plug(self) -> None:
+        """Make a new port under the path, as a USB adapter does that was plugged in."""
+        if self._master is not None:
+            return
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(self._master, False)
+        self.path.symlink_to(os.ttyname(slave))
+        os.close(slave)
+
+    def unplug(self) -> None:
+        """Take the port away: who has it open gets an input/output error."""
+        if self._master is None:
+            return
+        self.path.unlink()
+        os.close(self._master)
+        self._master = None
+
+    @property
+    def listening(self) -> bool:
+        """Has a host the port open? What is sent to nobody is lost."""
+        if self._master is None:
+            return False
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(event & select.POLLHUP for _, event in poll.poll(0))
+
+    def read(self) -> bytes:
+        """Whatever the host has written since the last call."""
+        if self._master is None or not self.listening:
+            return b""
+        try:
+            return os.read(self._master, 4096)
+        except OSError:  # nothing there, or the host closed the port just now
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send to the host; what it does not make room for is lost, as in a UART's buffer."""
+        if self._master is not None and data and self.listening:
+            with contextlib.suppress(OSError):
+                os.write(self._master, data)
+
+
+class Device(Protocol):
+    """A device at byte level: the X4 or the board."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take the host's bytes at `now`, s."""
+
+    def transmit(self, now: float) -> list[tuple[float, bytes]]:
+        """Give what was sent up to `now`, s."""
+
+
+class LiveSimulation:
+    """A scenario that runs by the clock, with the devices of its robot plugged in and out.
+
+    unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
+    messages and of `truth` are the host's, by `clock` (s). As a context manager it runs from
+    entry to exit.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        config: RobotConfig,
+        unplugged: Mapping[str, Sequence[Interval]] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._simulation = Simulation(scenario, config)
+        self._unplugged = unplugged or {}
+        self.clock = clock
+        self._start = clock()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._pump = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
+        folder = Path(self._folder.name)
+        self._ports: dict[str, tuple[Terminal, Device]] = {
+            "lidar": (Terminal(folder / "lidar"), self._simulation.x4),
+            "board": (Terminal(folder / "board"), self._simulation.board),
+        }
+        self.config = _with_ports(
+            config, {name: port.path for name, (port, _) in self._ports.items()}
+        )
+        self.camera = LiveCamera(self)
+
+    def __enter__(self) -> Self:
+        self._start = self.clock()
+        self._plug(0.0)
+        self._pump.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._pump.join()
+        for terminal, _ in self._ports.values():
+            terminal.unplug()
+        self._folder.cleanup()
+
+    def truth(self, time: float) -> Truth:
+        """Where the teammates truly are at the host's `time` (s), in the robot's frame."""
+        with self._lock:
+            return replace(self._simulation.truth(time - self._start), time=time)
+
+    def bearings(self, frame: int) -> tuple[float, Bearings]:
+        """Arrival (host time, s) and content of the image pair with this number, from 0."""
+        scenario = self._simulation.scenario
+        time = frame / scenario.camera_hz
+        with self._lock:
+            bearings = self._simulation.camera.bearings(time)
+        measured = self._start + time
+        return measured + scenario.camera_delay_s, replace(bearings, time=measured)
+
+    def _run(self) -> None:
+        while not self._stop.wait(PUMP_S):
+            now = self.clock() - self._start
+            with self._lock:
+                self._plug(now)
+                for terminal, device in self._ports.values():
+                    _exchange(terminal, device, now)
+
+    def _plug(self, now: float) -> None:
+        for name, (terminal, device) in self._ports.items():
+            absent = any(start <= now < end for start, end in self._unplugged.get(name, ()))
+            if absent and terminal.plugged:
+                terminal.unplug()
+            elif not absent and not terminal.plugged:
+                terminal.plug()
+                if name == "lidar":  # it has no power of its own and begins anew
+                    device.receive(RESET, now)
+
+
+def _exchange(terminal: Terminal, device: Device, now: float) -> None:
+    received = terminal.read()
+    if received:
+        device.receive(received, now)
+    terminal.write(b"".join(data for _, data in device.transmit(now)))
+
+
+def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
+    """The configuration for the simulated devices, whose bytes come without delay."""
+    lidar = config.lidar.model_copy(update={"port": str(ports["lidar"]), "delay_s": 0.0})
+    board = config.board.model_copy(update={"port": str(ports["board"])})
+    return config.model_copy(update={"lidar": lidar, "board": board})
+
+
+class LiveCamera:
+    """The cameras of a running simulation, as a device: `run` it in a thread of its own."""
+
+    def __init__(self, simulation: LiveSimulation) -> None:
+        self._simulation = simulation
+
+    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """Emit Bearings when they arrive, and Health once a second, until `stop` is set."""
+        frame = 0
+        next_health = 0.0
+        while not stop.is_set():
+            arrival, bearings = self._simulation.bearings(frame)
+            if stop.wait(max(0.0, arrival - self._simulation.clock())):
+                return
+            frame += 1
+            emit(bearings)
+            if arrival >= next_health:
+                next_health = arrival + HEALTH_S
+                emit(Health(arrival, CAMERA, True, "simulated", {"frames": frame}))

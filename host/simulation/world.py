@@ -1,0 +1,92 @@
+"""The simulated robot, offline: every message it would give, in order of arrival, at full speed."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from host.config import RobotConfig
+from host.drivers.romeo_session import Session
+from host.drivers.x4_commands import SCAN
+from host.drivers.x4_protocol import Decoder
+from host.geometry import to_frame
+from host.messages import Message, Truth
+from host.simulation.arena import Arena
+from host.simulation.romeo_device import RomeoStandIn
+from host.simulation.scenarios import Scenario
+from host.simulation.sensors import Camera, Encoders, Lidar
+from host.simulation.x4_device import X4Emulator
+
+OBSERVER = 0
+TRUTH_HZ = 10.0
+_TICK_S = 0.05
+
+Arrival = tuple[float, Message]
+
+
+class Simulation:
+    """A scenario, one robot's devices in it, and what the host makes of their bytes.
+
+    x4 and board: the devices at byte level; camera: the image pairs. All times are seconds since
+    the scenario's start.
+    """
+
+    def __init__(self, scenario: Scenario, config: RobotConfig) -> None:
+        self.scenario = scenario
+        self._arena = Arena(scenario)
+        self._others = np.delete(np.arange(scenario.robots), OBSERVER)
+        lidar = Lidar(self._arena, OBSERVER, scenario, config.lidar)
+        encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
+        self.camera = Camera(self._arena, OBSERVER, scenario, config.camera)
+        self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
+        self.board = RomeoStandIn(encoders.ticks)
+        self._decoder = Decoder()
+        self._session = Session(config.wheels)
+        self._frames = 0
+        self._truths = 0
+
+    def truth(self, time: float) -> Truth:
+        """Where the teammates truly are at `time` (s), in the observer's frame."""
+        (poses,) = self._arena.poses(np.array([time]))
+        return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+
+    def messages(self) -> Iterator[Message]:
+        """Yield Scan, Displacement, Bearings and Truth (10 Hz) in order of their arrival, once.
+
+        The devices' bytes go through the decoders and the conversion that serve the real ones.
+        """
+        self.x4.receive(SCAN, 0.0)
+        self._session.connect(0.0)
+        for tick in range(1, math.ceil(self.scenario.seconds / _TICK_S) + 1):
+            now = min(tick * _TICK_S, self.scenario.seconds)
+            arrivals = [
+                *self._scans(now),
+                *self._displacements(now),
+                *self._bearings(now),
+                *self._truths_until(now),
+            ]
+            arrivals.sort(key=lambda arrival: arrival[0])
+            for _, message in arrivals:
+                yield message
+
+    def _scans(self, now: float) -> Iterator[Arrival]:
+        for time, data in self.x4.transmit(now):
+            for scan in self._decoder.feed(data, time):
+                yield time, scan
+
+    def _displacements(self, now: float) -> Iterator[Arrival]:
+        for time, data in self.board.transmit(now):
+            for displacement in self._session.receive(data, time):
+                yield time, displacement
+        self.board.receive(self._session.transmit(now, None), now)
+
+    def _bearings(self, now: float) -> Iterator[Arrival]:
+        delay = self.scenario.camera_delay_s
+        while (time := self._frames / self.scenario.camera_hz) + delay <= now:
+            self._frames += 1
+            yield time + delay, self.camera.bearings(time)
+
+    def _truths_until(self, now: float) -> Iterator[Arrival]:
+        while (time := self._truths / TRUTH_HZ) <= now:
+            self._truths += 1
+            yield time, self.truth(time)
