@@ -166,6 +166,39 @@ def test_a_restarted_board_is_noticed_greeted_again_and_invents_no_motion() -> N
     assert len(line.steps) > told + 10
 
 
+def test_a_restart_that_looks_like_a_roll_over_is_still_told() -> None:
+    board = RomeoStandIn(driving, start=99.0, first_count_us=2**32 - 4_000_000)
+    line = Line(board)
+    line.run(2.9)  # 0.1 s before the roll-over the board restarts, in no time
+    board.reset(line.now)
+    line.run(1.0)
+    assert line.session.counts()["restarts"] == 1
+    assert line.state[0]
+    assert all(step.interval < 0.1 for step in line.steps)
+    assert all(step.ticks is not None and step.ticks[0] > 0 for step in line.steps)
+
+
+def test_a_restart_is_told_by_the_clock_where_somebody_else_greeted_the_board() -> None:
+    line = Line(RomeoStandIn(driving, start=99.0))
+    line.run(2.0)
+    line.board.reset(line.now)
+    line.board.receive(encode(HelloFrame()), line.now)
+    line.run(1.0)
+    assert line.session.counts()["restarts"] == 1
+    assert line.state[0]
+    assert all(step.ticks is not None and step.ticks[0] > 0 for step in line.steps)
+
+
+def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
+    session = Session(Wheels())
+    session.connect(0.0)
+    identity = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, 1))
+    session.receive(identity[:4], 0.1)
+    session.connect(1.0)
+    session.receive(identity, 1.1)
+    assert session.state(1.1) == (True, "firmware 1.2.3")
+
+
 def test_a_silent_board_and_its_return() -> None:
     line = Line(RomeoStandIn(driving, start=99.0))
     line.run(1.0)
