@@ -69,10 +69,10 @@ class SampleClock:
 class _Turn:
     """Packets of one turn, kept as they came until the turn is complete."""
 
-    def __init__(self, first: int, by_angle: bool) -> None:
+    def __init__(self, first: int, whole: bool, by_angle: bool = False) -> None:
         self.first = first  # raw angle it began at, 1/64 deg
         self.by_angle = by_angle  # its first packet was lost: it began by passing that angle
-        self.torn = by_angle
+        self.torn = not whole
         self.phase = 0  # 1/64 deg from the turn's first sample to the last packet's
         self.packets: list[bytes] = []
         self.counts: list[int] = []  # samples counted before each packet
@@ -143,7 +143,7 @@ class Decoder:
         self._buffer = b""
         self._arrivals: list[tuple[int, float]] = []  # (end in the buffer, when) of each chunk
         self._clock = SampleClock()
-        self._turn = _Turn(0, by_angle=False)
+        self._turn = _Turn(0, whole=False)
         self._previous: Header | None = None
         self._damaged = False  # something was dropped since the last good packet
 
@@ -233,15 +233,18 @@ class Decoder:
         lost = self._lost_before(header) if self._damaged else None
         if not self._clock.advance(header.size, sent, lost):
             self.counts["clock_restarts"] += 1
-            self._turn = _Turn(header.first, by_angle=False)
+            self._turn = _Turn(header.first, whole=False)
         turn = self._turn
+        if not turn.packets:
+            turn.first = header.first
         phase = (header.first - turn.first) % UNITS_PER_TURN
         if header.starts_turn or phase < turn.phase - UNITS_PER_TURN // 4:
             # A start that follows closely on a turn begun by its angle is the start of that turn.
             if not (turn.by_angle and phase < UNITS_PER_TURN // 4):
                 turn = self._next_turn(header, scans)
                 phase = 0
-            self.turn_rate_hz = header.turn_rate / 10.0
+            if header.starts_turn:
+                self.turn_rate_hz = header.turn_rate / 10.0
         turn.torn |= bool(lost)
         turn.phase = phase
         turn.packets.append(packet)
@@ -268,5 +271,6 @@ class Decoder:
             self.counts["turns"] += 1
             self.counts["turns_torn"] += turn.torn
             scans.append(turn.to_scan(self._clock.offset))
-        self._turn = _Turn(header.first, by_angle=not header.starts_turn)
+        whole = header.starts_turn
+        self._turn = _Turn(header.first, whole, by_angle=not whole)
         return self._turn
