@@ -44,6 +44,10 @@ class Arena:
         self._random = scenario.generator("arena")
         places = self._place(scenario)
         self.posts: FloatArray = places[self.count :]
+        # Of the obstacles, which are the robots and then the posts.
+        self._radii = np.full(len(places), TURRET_RADIUS_M)
+        self._radii[: self.count] = BODY_RADIUS_M
+        self._each = np.arange(self.count)
         self._position = places[: self.count]
         self._heading = self._random.uniform(-math.pi, math.pi, self.count)
         self._velocity = np.zeros(self.count)
@@ -106,7 +110,8 @@ class Arena:
         self._steps += 1
 
     def _step(self) -> None:
-        self._decide()
+        offsets = self._offsets(self._position)
+        self._decide(offsets)
         turning = self.now < self._turn_until
         speed = np.where(turning, 0.0, self._speed)
         rate = np.where(turning, self._turn_sign * TURN_RATE_RADPS, 0.0)
@@ -117,7 +122,7 @@ class Arena:
         move = (STEP_S * self._velocity)[:, None] * np.stack(
             (np.cos(middle), np.sin(middle)), axis=1
         )
-        stopped = self._would_touch(move)
+        stopped = self._would_touch(move, offsets)
         if stopped.any():
             move[stopped] = 0.0
             self._velocity[stopped] = 0.0
@@ -126,9 +131,9 @@ class Arena:
         self._heading = self._heading + STEP_S * self._turn_rate
         self._record()
 
-    def _decide(self) -> None:
+    def _decide(self, offsets: FloatArray) -> None:
         """Start a turn away from whatever the front sensors of a robot going straight see."""
-        left, right = self._proximity()
+        left, right = self._proximity(offsets)
         alarmed = (left | right) & (self.now >= self._turn_until)
         if alarmed.any():
             away = np.where(left, -1.0, 1.0)  # clockwise, away from what is on the left
@@ -142,13 +147,12 @@ class Arena:
         self._turn_until = np.where(which, self.now + durations, self._turn_until)
         self._turn_sign = np.where(which, signs, self._turn_sign)
 
-    def _proximity(self) -> tuple[BoolArray, BoolArray]:
+    def _proximity(self, offsets: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Whether the left and the right pair of front sensors of each robot (n,) see anything."""
-        offsets, radii = self._offsets(self._position)
         distance = np.hypot(offsets[..., 0], offsets[..., 1])
         bearing = np.arctan2(offsets[..., 1], offsets[..., 0]) - self._heading[:, None]
-        near = distance - radii < SENSOR_RANGE_M
-        cone = SENSOR_HALF_CONE + np.arcsin(np.minimum(radii / distance, 1.0))
+        near = distance - self._radii < SENSOR_RANGE_M
+        cone = SENSOR_HALF_CONE + np.arcsin(np.minimum(self._radii / distance, 1.0))
         off_axis = np.abs(wrap(bearing[..., None] - SENSOR_BEARINGS))
         seen = np.any(near[..., None] & (off_axis < cone[..., None]), axis=1)
 
@@ -159,32 +163,29 @@ class Arena:
         seen |= wall < SENSOR_RANGE_M
         return seen[:, :2].any(axis=1), seen[:, 2:].any(axis=1)
 
-    def _offsets(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return where every obstacle is from every robot (n, n + p, 2), and its radius (n + p,).
+    def _offsets(self, positions: FloatArray) -> FloatArray:
+        """Return where every obstacle (robots, posts) is from every robot: (n, n + p, 2) m.
 
         A robot's offset to itself is far away.
         """
-        offsets = np.concatenate((positions, self.posts))[None] - positions[:, None]
-        offsets[np.arange(self.count), np.arange(self.count)] = 1e3
-        radii = np.full(self.count + len(self.posts), TURRET_RADIUS_M)
-        radii[: self.count] = BODY_RADIUS_M
-        return offsets, radii
+        offsets: FloatArray = np.concatenate((positions, self.posts)) - positions[:, None]
+        offsets[self._each, self._each] = 1e3
+        return offsets
 
-    def _would_touch(self, move: FloatArray) -> BoolArray:
+    def _would_touch(self, move: FloatArray, offsets: FloatArray) -> BoolArray:
         """Which robots (n,) must not make their move (n, 2): it would end in an overlap.
 
         Of two robots only those that drive at the other are stopped, so that none is held for
         ever. Stopping one may leave it in a third one's way: repeat until nothing changes.
         """
         stopped: BoolArray = np.zeros(self.count, dtype=bool)
-        offsets, radii = self._offsets(self._position)
         approaching = np.einsum("ik,ijk->ij", move, offsets) > 0.0
         limit = self.half_side_m - BODY_RADIUS_M
         while True:
             tried = self._position + np.where(stopped[:, None], 0.0, move)
             outside = np.any((np.abs(tried) > limit) & (self._position * move > 0.0), axis=1)
-            ahead, _ = self._offsets(tried)
-            touching = np.hypot(ahead[..., 0], ahead[..., 1]) < radii + BODY_RADIUS_M
+            ahead = self._offsets(tried)
+            touching = np.hypot(ahead[..., 0], ahead[..., 1]) < self._radii + BODY_RADIUS_M
             more = (outside | np.any(touching & approaching, axis=1)) & ~stopped
             if not more.any():
                 return stopped

@@ -18,13 +18,14 @@ from typing import Protocol, Self
 
 from host.config import RobotConfig
 from host.drivers.x4_commands import RESET
+from host.errors import UserError
 from host.messages import Bearings, Health, Message, Truth
 from host.simulation.scenarios import Scenario
 from host.simulation.world import Simulation
 
 PUMP_S = 0.01
 HEALTH_S = 1.0
-CAMERA = "camera"
+LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
 
 Interval = tuple[float, float]
 
@@ -111,6 +112,9 @@ class LiveSimulation:
     ) -> None:
         self._simulation = Simulation(scenario, config)
         self._unplugged = unplugged or {}
+        unknown = set(self._unplugged) - {LIDAR, BOARD}
+        if unknown:
+            raise UserError(f"cannot unplug {min(unknown)!r}", f"known: {LIDAR}, {BOARD}")
         self.clock = clock
         self._start = clock()
         self._lock = threading.Lock()
@@ -119,8 +123,8 @@ class LiveSimulation:
         self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
         folder = Path(self._folder.name)
         self._ports: dict[str, tuple[Terminal, Device]] = {
-            "lidar": (Terminal(folder / "lidar"), self._simulation.x4),
-            "board": (Terminal(folder / "board"), self._simulation.board),
+            LIDAR: (Terminal(folder / LIDAR), self._simulation.x4),
+            BOARD: (Terminal(folder / BOARD), self._simulation.board),
         }
         self.config = _with_ports(
             config, {name: port.path for name, (port, _) in self._ports.items()}
@@ -174,7 +178,7 @@ class LiveSimulation:
                 terminal.unplug()
             elif not absent and not terminal.plugged:
                 terminal.plug()
-                if name == "lidar":  # it has no power of its own and begins anew
+                if name == LIDAR:  # it has no power of its own and begins anew
                     device.receive(RESET, now)
 
 
@@ -187,8 +191,8 @@ def _exchange(terminal: Terminal, device: Device, now: float) -> None:
 
 def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
     """The configuration for the simulated devices, whose bytes come without delay."""
-    lidar = config.lidar.model_copy(update={"port": str(ports["lidar"]), "delay_s": 0.0})
-    board = config.board.model_copy(update={"port": str(ports["board"])})
+    lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR]), "delay_s": 0.0})
+    board = config.board.model_copy(update={"port": str(ports[BOARD])})
     return config.model_copy(update={"lidar": lidar, "board": board})
 
 

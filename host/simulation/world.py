@@ -19,7 +19,7 @@ from host.simulation.x4_device import X4Emulator
 
 OBSERVER = 0
 TRUTH_HZ = 10.0
-_TICK_S = 0.05
+_TICK_S = 0.1
 
 Arrival = tuple[float, Message]
 
