@@ -57,7 +57,7 @@ class Simulation:
         """
         self.x4.receive(SCAN, 0.0)
         self._session.connect(0.0)
-        for tick in range(1, math.ceil(self.scenario.seconds / _TICK_S) + 1):
+        for tick in range(math.ceil(self.scenario.seconds / _TICK_S) + 1):
             now = min(tick * _TICK_S, self.scenario.seconds)
             arrivals = [
                 *self._scans(now),
