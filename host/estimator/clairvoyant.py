@@ -66,22 +66,51 @@ class Clairvoyant:
         self._time = measurement.time
         if measurement.identities is None:
             raise ValueError("the clairvoyant filter needs the identity of each reading")
-        for k, identity in enumerate(measurement.identities):
-            if identity < 0:
-                continue
+        for reading in np.flatnonzero(measurement.identities >= 0):
+            identity = int(measurement.identities[reading])
             found = np.flatnonzero(self._identities == identity)
+            track = int(found[0]) if len(found) else None
             if isinstance(measurement, Positions):
-                reading, noise = measurement.positions[k], measurement.covariances[k]
-                if len(found):
-                    self._correct(int(found[0]), reading, noise)
-                else:
-                    self._begin(int(identity), reading, noise)
+                self._use_position(measurement, int(reading), identity, track)
             else:
-                bearing, variance = float(measurement.bearings[k]), float(measurement.variances[k])
-                if len(found):
-                    self._correct_bearing(int(found[0]), bearing, variance)
-                else:
-                    self._begin_on_ray(int(identity), bearing, variance)
+                self._use_bearing(measurement, int(reading), identity, track)
+
+    def _use_position(
+        self, measured: Positions, reading: int, identity: int, track: int | None
+    ) -> None:
+        """Kalman update, H = I: S = P + R, K = P S^-1. A lag adds to R: the teammate moved on."""
+        position = measured.positions[reading]
+        lag = 0.0 if measured.lags is None else float(measured.lags[reading])
+        noise = measured.covariances[reading] + self._process_noise * lag * np.eye(2)
+        if track is None:
+            self._begin(identity, position, noise)
+            return
+        prior = self._covariances[track]
+        gain = np.linalg.solve(prior + noise, prior).T
+        self._positions[track] += gain @ (position - self._positions[track])
+        self._covariances[track] = _symmetric(prior - gain @ prior)
+        self._ages[track] = 0.0
+
+    def _use_bearing(
+        self, measured: Bearings, reading: int, identity: int, track: int | None
+    ) -> None:
+        """Extended Kalman update, H = (-y, x) / r² (Perera 2021 eq. 25-28, repaired)."""
+        bearing, variance = float(measured.bearings[reading]), float(measured.variances[reading])
+        origin = np.array(measured.origin)
+        if track is None:
+            self._begin_on_ray(identity, origin, bearing, variance)
+            return
+        x, y = self._positions[track] - origin
+        squared = float(x * x + y * y)
+        if squared < 1e-6:
+            return  # a teammate at the rays' origin: its direction tells nothing
+        jacobian = np.array([-y, x]) / squared
+        prior = self._covariances[track]
+        variance += self._process_noise * measured.lag / squared
+        gain = prior @ jacobian / (jacobian @ prior @ jacobian + variance)
+        self._positions[track] += gain * float(wrap(bearing - np.arctan2(y, x)))
+        self._covariances[track] = _symmetric(prior - np.outer(gain, jacobian @ prior))
+        self._ages[track] = 0.0
 
     def _begin(self, identity: int, position: FloatArray, covariance: FloatArray) -> None:
         self._identities = np.append(self._identities, identity)
@@ -89,32 +118,13 @@ class Clairvoyant:
         self._covariances = np.concatenate((self._covariances, covariance[None]))
         self._ages = np.append(self._ages, 0.0)
 
-    def _begin_on_ray(self, identity: int, bearing: float, variance: float) -> None:
+    def _begin_on_ray(
+        self, identity: int, origin: FloatArray, bearing: float, variance: float
+    ) -> None:
         turn = rotation(bearing)
         across = self._birth_range**2 * variance
         spread = turn @ np.diag([self._birth_range_variance, across]) @ turn.T
-        self._begin(identity, turn[:, 0] * self._birth_range, spread)
-
-    def _correct(self, k: int, reading: FloatArray, noise: FloatArray) -> None:
-        """Kalman update, H = I: S = P + R, K = P S^-1."""
-        prior = self._covariances[k]
-        gain = np.linalg.solve(prior + noise, prior).T
-        self._positions[k] += gain @ (reading - self._positions[k])
-        self._covariances[k] = _symmetric(prior - gain @ prior)
-        self._ages[k] = 0.0
-
-    def _correct_bearing(self, k: int, bearing: float, variance: float) -> None:
-        """Extended Kalman update, H = (-y, x) / r² (Perera 2021 eq. 25-28, repaired)."""
-        x, y = self._positions[k]
-        squared = float(x * x + y * y)
-        if squared < 1e-6:
-            return  # on top of the robot a bearing tells nothing
-        jacobian = np.array([-y, x]) / squared
-        prior = self._covariances[k]
-        gain = prior @ jacobian / (jacobian @ prior @ jacobian + variance)
-        self._positions[k] += gain * float(wrap(bearing - np.arctan2(y, x)))
-        self._covariances[k] = _symmetric(prior - np.outer(gain, jacobian @ prior))
-        self._ages[k] = 0.0
+        self._begin(identity, origin + turn[:, 0] * self._birth_range, spread)
 
     def estimate(self) -> Estimate:
         """Every teammate seen in the last forget_s; labels are the identities."""

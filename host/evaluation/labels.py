@@ -1,21 +1,29 @@
 """Who was measured, told from truth: what the clairvoyant filter needs where no dataset tells."""
 
+import bisect
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from host.estimator.interface import Filter
 from host.geometry import wrap
-from host.messages import Bearings, FloatArray, IntArray, Positions, Truth
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    FloatArray,
+    IntArray,
+    Positions,
+    Truth,
+)
 
 POSITION_GATE_M = 0.25
 BEARING_GATE_SIGMA = 4.0
 
-AnyReading = TypeVar("AnyReading", Positions, Bearings)
 
-
-def label(measurement: AnyReading, truth: Truth) -> AnyReading:
+def label(measurement: Positions | Bearings, truth: Truth) -> Positions | Bearings:
     """The measurement with identities filled in: each reading's robot, -1 where it is nobody's.
 
     truth: the other robots in the same frame at the measurement's time. Readings and robots are
@@ -24,7 +32,8 @@ def label(measurement: AnyReading, truth: Truth) -> AnyReading:
     if isinstance(measurement, Positions):
         distances = np.linalg.norm(measurement.positions[:, None] - truth.positions[None], axis=2)
         return replace(measurement, identities=_assign(distances / POSITION_GATE_M, truth))
-    directions = np.arctan2(truth.positions[:, 1], truth.positions[:, 0])
+    from_origin = truth.positions - np.array(measurement.origin)
+    directions = np.arctan2(from_origin[:, 1], from_origin[:, 0])
     errors = np.abs(wrap(measurement.bearings[:, None] - directions[None]))
     gate = BEARING_GATE_SIGMA * np.sqrt(measurement.variances)
     return replace(measurement, identities=_assign(errors / gate[:, None], truth))
@@ -39,13 +48,51 @@ def _assign(cost: FloatArray, truth: Truth) -> IntArray:
     return identities
 
 
-def between(before: Truth, after: Truth, time: float) -> Truth:
-    """Truth at `time`, interpolated for the robots that both neighbours in time know.
+class TruthTrack:
+    """Truth over time: samples in time order, interpolated in between.
 
-    Straight lines in the observer's frame: keep the neighbours close while the observer turns.
+    Straight lines in the observer's frame, so samples must be close while the observer turns.
     """
-    span = after.time - before.time
-    share = min(max((time - before.time) / span, 0.0), 1.0) if span > 0.0 else 0.0
-    identities, i, j = np.intersect1d(before.identities, after.identities, return_indices=True)
-    positions = (1.0 - share) * before.positions[i] + share * after.positions[j]
-    return Truth(time=time, identities=identities, positions=positions)
+
+    def __init__(self, samples: Sequence[Truth]) -> None:
+        self._samples = samples
+        self._times = [sample.time for sample in samples]
+
+    def at(self, time: float) -> Truth | None:
+        """Truth at `time` (s), of the robots both neighbours know; None outside the samples."""
+        after = bisect.bisect_left(self._times, time)
+        if after == len(self._times):
+            return None
+        later = self._samples[after]
+        if later.time == time:
+            return later
+        if after == 0:
+            return None
+        earlier = self._samples[after - 1]
+        share = (time - earlier.time) / (later.time - earlier.time)
+        who, i, j = np.intersect1d(earlier.identities, later.identities, return_indices=True)
+        positions = (1.0 - share) * earlier.positions[i] + share * later.positions[j]
+        return Truth(time=time, identities=who, positions=positions)
+
+
+class Labelled:
+    """A filter whose measurements are labelled from truth on their way in."""
+
+    def __init__(self, filter_: Filter, track: TruthTrack) -> None:
+        self._filter = filter_
+        self._track = track
+
+    def predict(self, motion: Displacement) -> None:
+        """As the filter's."""
+        self._filter.predict(motion)
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """As the filter's, with identities; without truth at that time they are nobody's."""
+        truth = self._track.at(measurement.time)
+        if truth is None:
+            truth = Truth(measurement.time, np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+        self._filter.update(label(measurement, truth))
+
+    def estimate(self) -> Estimate:
+        """As the filter's."""
+        return self._filter.estimate()
