@@ -23,7 +23,7 @@ from host.messages import Bearings, Health, Message, Truth
 from host.simulation.scenarios import Scenario
 from host.simulation.world import Simulation
 
-PUMP_S = 0.01
+PUMP_S = 0.01  # more would make every message look later than it is
 HEALTH_S = 1.0
 LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
 

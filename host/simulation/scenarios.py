@@ -27,7 +27,7 @@ class Scenario:
     posts: int = _bounded(2, 0, 60)
     side_m: float = _bounded(3.0, 1.0, 20.0)
     seed: int = _bounded(0, 0, 2**32 - 1)
-    seconds: float = _bounded(120.0, 0.1, 86_400.0)
+    seconds: float = _bounded(120.0, 0.1, 7200.0)
     speed_mps: float = _bounded(0.3, 0.0, 2.0)
 
     lidar_turn_hz: float = _bounded(7.0, 6.0, 12.0)

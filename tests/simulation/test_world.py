@@ -86,10 +86,9 @@ def test_decoded_scans_show_each_visible_turret_where_it_truly_is() -> None:
             errors.extend(surface[on_turret] - 0.0325)
             seen += on_turret.sum() > 0
     assert seen > 60
-    # Ranges are whole millimetres; sample times are known to a millisecond or two, in which a
-    # turret moves by less than 2 mm and the robot turns by less than 6 mrad.
-    assert np.median(np.abs(errors)) < 1.5e-3
-    assert np.quantile(np.abs(errors), 0.95) < 6e-3
+    # Ranges are whole millimetres; offline, bytes arrive when they should, so times are exact.
+    assert np.median(np.abs(errors)) < 0.5e-3
+    assert np.quantile(np.abs(errors), 0.95) < 1.5e-3
 
 
 def test_displacements_add_up_to_the_true_motion() -> None:
