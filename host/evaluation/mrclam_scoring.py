@@ -6,7 +6,7 @@ others and the landmarks are don't-cares. Estimates hold readings up to the inst
 to it by odometry. Matching is cut off at 1 m.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -41,9 +41,13 @@ def instants(dataset: Dataset) -> list[float]:
     return [time for time in grid if dataset.has_vicon(time)]
 
 
-def score(dataset: Dataset, observer: int, filter_: Filter, landmarks: Landmarks) -> Accumulator:
-    """Run a filter on what one observer logged, and score it."""
-    messages = dataset.messages(observer, landmarks)
+def score(
+    dataset: Dataset,
+    observer: int,
+    messages: Sequence[Displacement | Positions],
+    filter_: Filter,
+) -> Accumulator:
+    """Run a filter on `messages`, which are the observer's of the dataset, and score it."""
     times, identities = _sightings(messages)
     scored = Accumulator(p=2.0, c=CUT_OFF_M)
     when = instants(dataset)
@@ -66,16 +70,22 @@ def evaluate(
     source: str,
 ) -> list[Row]:
     """Rows of each filter: one for every observer, then all of them pooled."""
+    scores: dict[str, dict[int, Accumulator]] = {name: {} for name in filters}
+    for robot in dataset.robots:
+        messages = dataset.messages(robot, landmarks)
+        for name, new_filter in filters.items():
+            scores[name][robot] = score(dataset, robot, messages, new_filter())
     rows = []
-    for name, new_filter in filters.items():
-        runs = {robot: score(dataset, robot, new_filter(), landmarks) for robot in dataset.robots}
-        rows += [run_.row(source, str(robot), name, SENSORS) for robot, run_ in runs.items()]
-        rows.append(Accumulator.pooled(runs.values()).row(source, "all", name, SENSORS))
+    for name, by_robot in scores.items():
+        rows += [
+            scored.row(source, str(robot), name, SENSORS) for robot, scored in by_robot.items()
+        ]
+        rows.append(Accumulator.pooled(by_robot.values()).row(source, "all", name, SENSORS))
     return rows
 
 
 def _sightings(
-    messages: list[Displacement | Positions],
+    messages: Sequence[Displacement | Positions],
 ) -> tuple[FloatArray, IntArray]:
     """Time (n,) and robot (n,) of every reading of a robot."""
     seen = [

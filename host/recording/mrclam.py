@@ -31,6 +31,7 @@ RANGE_STD_M, RANGE_STD_PER_M = 0.03, 0.031
 BEARING_STD_RAD = 0.0105
 FRAME_PERIOD_S = 0.236
 _SAME_FRAME_S = 0.005  # readings of one frame are stamped up to 1 ms apart
+_LONGEST_STEP_S = 0.1
 
 # The odometry is the commanded velocity, not corrected for its gains (turning 0.71 to 0.98 by
 # robot) nor its lag; so this noise is far above that of encoders. Per m, per rad and per second.
@@ -220,10 +221,13 @@ def _positions(
 
 
 def _displacements(odometry: FloatArray, frame_times: FloatArray) -> list[Displacement]:
-    """The logged velocities, each held until the next, as arcs that end at log and frame times."""
+    """The logged velocities, each held until the next, as arcs that end at changes and frames."""
     times = odometry[:, 0]
+    # Most rows repeat the command before them; short steps keep interpolation close to the arc.
+    changes = np.any(np.diff(odometry[:, 1:], axis=0) != 0.0, axis=1)
     inside = frame_times[(frame_times > times[0]) & (frame_times < times[-1])]
-    grid = np.union1d(times, inside)
+    regular = np.arange(times[0], times[-1], _LONGEST_STEP_S)
+    grid = np.unique(np.concatenate((times[1:][changes], inside, regular, times[-1:])))
     rows = np.searchsorted(times, grid[:-1], side="right") - 1
     intervals = np.diff(grid)
     lengths, turns = odometry[rows, 1] * intervals, odometry[rows, 2] * intervals
