@@ -40,7 +40,7 @@ _LAYOUT = struct.Struct("<HBBHHH")
 def angle_correction(ranges: ArrayLike) -> FloatArray:
     """What to add to the raw clockwise angle (rad) of samples at `ranges` (m, any shape).
 
-    atan(21.8 (155.3 - d) / (155.3 d)), d in mm: -6.9 deg at 1 m; 0 where nothing came back. The
+    atan(21.8 (155.3 - d) / (155.3 d)), d in mm: -6.76 deg at 1 m; 0 where nothing came back. The
     point lies at polar (d, raw + correction): to 0.2 mm the line that leaves 21.8 mm beside the
     axis (clockwise) and turns back towards it by atan(21.8/155.3).
     """
@@ -99,13 +99,19 @@ def _check_length(data: bytes, start: int, header: Header) -> Header | str | Non
 
     An XOR of words does not notice words that cancel, and where most samples are 0 a damaged LSN
     or a loss of bytes can leave it right. Then the next packet begins inside this one, or where
-    this one would end with one more bit set in LSN.
+    this one would end with one more bit set in LSN, or foreign words at the end cancel.
     """
     end = start + HEADER_LENGTH + 2 * header.size
     if len(data) < end + len(HEADER):
         return None
     if data.find(HEADER, start + len(HEADER), end) >= 0:
         return "implausible_packets"
+    foreign = 0
+    for place in range(end - 2, start + HEADER_LENGTH - 2, -2):
+        word = data[place] | data[place + 1] << 8
+        foreign ^= word
+        if word and not foreign:
+            return "implausible_packets"
     for bit in range(6):
         longer = header.size | 1 << bit
         if longer == header.size or longer > MAX_SAMPLES:

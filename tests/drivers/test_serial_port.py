@@ -1,0 +1,124 @@
+"""Finding and opening ports: every failure in words, with the next step."""
+
+import errno
+import os
+import threading
+import tty
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import serial
+from serial.tools import list_ports
+
+from host.drivers import serial_port
+from host.drivers.serial_port import (
+    explain,
+    find_port,
+    keep_connected,
+    open_port,
+    read_available,
+)
+from host.errors import UserError
+
+IDS = ((0x10C4, 0xEA60),)
+
+
+@pytest.fixture
+def terminal() -> tuple[int, str]:
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    return ours, os.ttyname(theirs)
+
+
+def plug(monkeypatch: pytest.MonkeyPatch, *devices: tuple[str, int | None, int | None]) -> None:
+    ports = [SimpleNamespace(device=d, vid=vid, pid=pid) for d, vid, pid in devices]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+
+
+def test_the_only_port_with_the_id_is_found_by_its_lasting_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    device = tmp_path / "ttyUSB3"
+    device.touch()
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    (by_id / "usb-Silicon_Labs-if00").symlink_to(device)
+    monkeypatch.setattr(serial_port, "BY_ID", by_id)
+    plug(monkeypatch, ("/dev/ttyS0", None, None), (str(device), *IDS[0]), ("/dev/ttyACM0", 1, 2))
+    assert find_port("lidar", IDS, "auto") == str(by_id / "usb-Silicon_Labs-if00")
+    assert find_port("lidar", IDS, "/dev/mine") == "/dev/mine"
+    monkeypatch.setattr(serial_port, "BY_ID", tmp_path / "absent")
+    assert find_port("lidar", IDS, "auto") == str(device)
+
+
+def test_no_port_and_several_ports_are_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    plug(monkeypatch, ("/dev/ttyACM0", 1, 2))
+    with pytest.raises(UserError, match=r"lidar was not found\n.*10c4:ea60.*\n.*robot.toml"):
+        find_port("lidar", IDS, "auto")
+    plug(monkeypatch, ("/dev/ttyUSB0", *IDS[0]), ("/dev/ttyUSB1", *IDS[0]))
+    with pytest.raises(UserError, match=r"ttyUSB0, .*ttyUSB1\n.*\[lidar\] of robot.toml"):
+        find_port("lidar", IDS, "auto")
+
+
+def test_a_port_is_for_one_program(terminal: tuple[int, str]) -> None:
+    ours, path = terminal
+    with open_port(path, 128_000, dtr=False) as port:
+        os.write(ours, b"abc")
+        assert read_available(port, 1.0) == b"abc"
+        assert read_available(port, 0.0) == b""
+        with pytest.raises(UserError, match="another program has it open, likely ModemManager"):
+            open_port(path, 128_000)
+    open_port(path, 128_000).close()
+
+
+def test_an_unplugged_port_raises(terminal: tuple[int, str]) -> None:
+    ours, path = terminal
+    with open_port(path, 128_000) as port:
+        os.close(ours)
+        with pytest.raises(OSError) as caught:  # noqa: PT011 (which one depends on the adapter)
+            read_available(port, 1.0)
+    assert "unplugged" in explain(caught.value) or "plugged in" in explain(caught.value)
+
+
+def test_a_missing_device_and_a_file_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such device is plugged in"):
+        open_port(str(tmp_path / "absent"), 128_000)
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(UserError, match="not a serial port"):
+        open_port(str(file), 128_000)
+
+
+def test_a_forbidden_port_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: serial.Serial) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port")
+
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(UserError, match=r"sudo usermod -aG dialout \$USER .*log in again"):
+        open_port("/dev/ttyUSB0", 128_000)
+
+
+def test_connecting_goes_on_until_stopped() -> None:
+    stop, told, tries = threading.Event(), list[str](), iter(range(4))
+
+    def serve() -> None:
+        number = next(tries)
+        if number == 0:
+            raise UserError("not there")
+        if number == 1:
+            raise OSError(errno.EIO, "input/output error")
+        if number == 3:
+            stop.set()
+
+    keep_connected(serve, lambda error: told.append(str(error)), stop, retry_s=0.0)
+    assert told[0] == "not there"
+    assert told[1].startswith("the connection was lost\nthe device was unplugged")
+    assert len(told) == 2
+
+    def broken() -> None:
+        raise ZeroDivisionError
+
+    stop.clear()
+    with pytest.raises(ZeroDivisionError):
+        keep_connected(broken, lambda error: None, stop, retry_s=0.0)
