@@ -19,8 +19,8 @@ def walk(text: str, seconds: float) -> tuple[Arena, np.ndarray]:
     ("scenario", "seconds"),
     [
         ("arena4:seed=3", 120.0),
-        ("swarm20:seed=2", 120.0),
-        ("arena4:robots=9,posts=4,seed=5", 30.0),  # far denser than the walk's sensors like
+        ("swarm20:seed=2", 60.0),
+        ("arena4:robots=9,posts=4,seed=5", 20.0),  # far denser than the walk's sensors like
         ("arena4:robots=12,posts=0,speed_mps=1.5,seed=1", 15.0),  # too fast to stop in time
     ],
 )

@@ -144,7 +144,7 @@ def test_every_sample_sees_the_world_of_its_own_moment() -> None:
     ranges = Lidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw)
     points = decoded(raw, ranges)
     poses = arena.poses(times)
-    world = np.concatenate([to_parent(points[[k]], poses[k, 0]) for k in range(len(points))])
+    world = to_parent(points, poses[:, 0])
     surfaces = np.concatenate((poses[:, 1:, :2], np.tile(arena.posts, (len(times), 1, 1))), axis=1)
     to_cylinder = np.abs(np.linalg.norm(world[:, None] - surfaces, axis=2) - TURRET_RADIUS_M)
     to_wall = np.abs(np.abs(world).max(axis=1) - arena.half_side_m)

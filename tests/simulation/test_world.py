@@ -78,9 +78,7 @@ def test_decoded_scans_show_each_visible_turret_where_it_truly_is() -> None:
         points = scan.ranges[:, None] * np.stack((np.cos(scan.angles), np.sin(scan.angles)), 1)
         poses = arena.poses(scan.times)
         for robot in range(1, arena.count):
-            expected = np.concatenate(
-                [to_frame(p[[robot], :2], p[0]) for p in poses]
-            )  # at each sample's own time
+            expected = to_frame(poses[:, robot, :2], poses[:, 0])  # at each sample's own time
             surface = np.linalg.norm(points - expected, axis=1)
             on_turret = (scan.ranges > 0) & (surface < 0.06)
             errors.extend(surface[on_turret] - 0.0325)
