@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host.evaluation.mrclam_scoring import REFERENCES, evaluate, instants
+from host.evaluation.metrics import Accumulator
+from host.evaluation.mrclam_scoring import REFERENCES, instants, score
 from host.messages import Displacement, Estimate, Positions
 from host.recording import mrclam
 
@@ -43,7 +44,7 @@ class Silent:
 def test_the_camera_looks_32_degrees_to_each_side_and_the_noise_fits(dataset):
     """Readings of robots against Vicon: bias, noise, frames and identities in one."""
     normalised, bearings = [], []
-    for observer in mrclam.ROBOTS:
+    for observer in (2, 3):
         for frame in dataset.messages(observer, "drop"):
             if isinstance(frame, Displacement) or not len(frame.positions):
                 continue
@@ -57,14 +58,14 @@ def test_the_camera_looks_32_degrees_to_each_side_and_the_noise_fits(dataset):
                 error = frame.positions[k] - where[who]
                 normalised.append(error @ np.linalg.solve(frame.covariances[k], error))
                 bearings.append(np.arctan2(where[who][1], where[who][0]))
-    assert len(normalised) > 3500
+    assert len(normalised) > 1500
     # Chi-squared with two degrees of freedom has the median 1.39; the real tails are heavier.
     assert 0.7 < np.median(normalised) < 2.0
     assert np.quantile(np.abs(bearings), 0.99) < np.radians(33)
 
 
 def test_frames_keep_the_cameras_pace(dataset):
-    for observer in mrclam.ROBOTS:
+    for observer in (1, 5):
         frames = [m.time for m in dataset.messages(observer, "drop") if isinstance(m, Positions)]
         gaps = np.diff(frames)
         assert np.min(gaps) > 0.1
@@ -72,16 +73,27 @@ def test_frames_keep_the_cameras_pace(dataset):
         assert np.median(gaps) == pytest.approx(mrclam.FRAME_PERIOD_S, abs=0.01)
 
 
+@pytest.mark.slow
 def test_limit_floor_and_silence_score_as_expected(dataset):
-    gospa = {}
-    everything = {**REFERENCES, "silent": Silent}
-    floor = {"last_reading": REFERENCES["last_reading"]}
-    for landmarks, filters in (("drop", everything), ("clutter", floor)):
-        for row in evaluate(dataset, filters, landmarks, "mrclam6"):
-            if row.observer == "all":
-                gospa[row.filter, landmarks] = row.gospa_m
+    wanted = {
+        ("clairvoyant", "drop"): (0.100, 0.004),
+        ("last_reading", "drop"): (0.102, 0.004),
+        ("last_reading", "clutter"): (0.111, 0.004),
+        ("silent", "drop"): (0.368, 0.002),
+    }
+    scores = {key: [] for key in wanted}
+    for observer in dataset.robots:
+        messages = {kind: dataset.messages(observer, kind) for kind in ("drop", "clutter")}
+        for name, kind in wanted:
+            if name == "silent":  # needs no odometry to say nothing
+                frames = [m for m in messages[kind] if isinstance(m, Positions)]
+                scores[name, kind].append(score(dataset, observer, frames, Silent()))
+            else:
+                scored = score(dataset, observer, messages[kind], REFERENCES[name]())
+                scores[name, kind].append(scored)
     assert len(instants(dataset)) > 700
-    assert gospa["clairvoyant", "drop"] == pytest.approx(0.100, abs=0.004)
-    assert gospa["last_reading", "drop"] == pytest.approx(0.102, abs=0.004)
-    assert gospa["last_reading", "clutter"] == pytest.approx(0.111, abs=0.004)
-    assert gospa["silent", "drop"] == pytest.approx(0.368, abs=0.002)
+    for (name, kind), (gospa_m, tolerance) in wanted.items():
+        row = Accumulator.pooled(scores[name, kind]).row("mrclam6", "all", name, kind)
+        assert row.gospa_m == pytest.approx(gospa_m, abs=tolerance), row
+        if name == "clairvoyant":
+            assert row.anees == pytest.approx(1.0, abs=0.3)
