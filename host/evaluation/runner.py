@@ -40,8 +40,9 @@ def run(
             yield _estimate_at(filter_, path, now, instant)
             instant = next(waiting, math.inf)
         if not isinstance(message, Displacement):
+            motion = path.between(now, message.time)
             start = perf_counter()
-            filter_.predict(path.between(now, message.time))
+            filter_.predict(motion)
             filter_.update(message)
             update_seconds.append(perf_counter() - start)
             now = message.time
