@@ -27,7 +27,7 @@ from host.messages import Scan
 _STARTS = re.compile(re.escape(HEADER) + b"|" + re.escape(REPLY_HEADER))
 _SECONDS_PER_BYTE = BITS_PER_BYTE / BAUDRATE
 # Range and correction of every Si there can be: looked up, an arctangent costs seven times more.
-_RANGES = np.arange(65536) * STEP_M
+_RANGES = np.arange(65536, dtype=np.float64) * STEP_M
 _CORRECTIONS = angle_correction(_RANGES)
 
 
@@ -74,38 +74,32 @@ class _Turn:
         self.by_angle = by_angle  # its first packet was lost: it began by passing that angle
         self.torn = not whole
         self.phase = 0  # 1/64 deg from the turn's first sample to the last packet's
-        self.packets: list[bytes] = []
-        self.counts: list[int] = []  # samples counted before each packet
+        self.contents: list[bytes] = []
+        self.sizes: list[int] = []
+        self.total = 0
+        # A packet's angle (rad, counter-clockwise, without correction), its step from sample to
+        # sample, and the count of samples, each taken back to the turn's first sample.
+        self.lines: list[tuple[float, float, int]] = []
+
+    def add(self, header: Header, content: bytes, count: int) -> None:
+        """Add a packet, `count` samples having been counted before it."""
+        begin, size = self.total, header.size
+        step = -UNIT_RAD * header.span / (size - 1) if size > 1 else 0.0
+        self.lines.append((-UNIT_RAD * header.first - step * begin, step, count - begin))
+        self.contents.append(content)
+        self.sizes.append(size)
+        self.total += size
 
     def to_scan(self, offset: float) -> Scan:
         """The turn with both angle corrections, counter-clockwise, at host time."""
-        words = np.frombuffer(b"".join(self.packets), dtype="<u2")
-        header_words = HEADER_LENGTH // 2
-        lengths = np.array([len(packet) // 2 for packet in self.packets])
-        ends = np.cumsum(lengths)
-        begins = ends - lengths
-        sizes = lengths - header_words
-        sample_begins = begins - header_words * np.arange(len(lengths))
-        first = (words[begins + 2] >> 1).astype(float)
-        step = (words[begins + 3] >> 1) - first
-        step[step < 0.0] += UNITS_PER_TURN
-        step /= np.maximum(sizes - 1, 1)
-        # Per packet, what to add to a sample's number in the turn for its word, angle and count.
-        table = np.stack(
-            (
-                begins - sample_begins + header_words,
-                first - step * sample_begins,
-                step,
-                self.counts - sample_begins,
-            )
-        )
-        shift, first, step, count = np.repeat(table, sizes, axis=1)
-        number = np.arange(len(shift))
-        samples = words[number + shift.astype(np.intp)]
-        angles = -(first + step * number) * UNIT_RAD - _CORRECTIONS[samples]
-        np.add(angles, 2.0 * math.pi, out=angles, where=angles < -math.pi)
+        samples = np.frombuffer(b"".join(self.contents), dtype="<u2").astype(np.intp)
+        number = np.arange(float(self.total))
+        angle, step, count = np.repeat(np.array(self.lines), self.sizes, axis=0).T
+        angles = angle + step * number
+        angles -= _CORRECTIONS.take(samples)
+        angles[angles < -math.pi] += 2.0 * math.pi
         times = offset + (count + number) / SAMPLE_RATE_HZ
-        return Scan(time=float(times[-1]), times=times, angles=angles, ranges=_RANGES[samples])
+        return Scan(float(times[-1]), times, angles, _RANGES.take(samples))
 
 
 class Decoder:
@@ -223,10 +217,10 @@ class Decoder:
             if chunk_end >= end:
                 sent = arrival - length * _SECONDS_PER_BYTE
                 break
-        self._accept(header, self._buffer[start:end], sent, scans)
+        self._accept(header, self._buffer[start + HEADER_LENGTH : end], sent, scans)
         return length
 
-    def _accept(self, header: Header, packet: bytes, sent: float, scans: list[Scan]) -> None:
+    def _accept(self, header: Header, content: bytes, sent: float, scans: list[Scan]) -> None:
         """Add a sound packet, which was `sent` at the latest, to its turn."""
         self.counts["packets"] += 1
         self.counts["points"] += header.size
@@ -235,7 +229,7 @@ class Decoder:
             self.counts["clock_restarts"] += 1
             self._turn = _Turn(header.first, whole=False)
         turn = self._turn
-        if not turn.packets:
+        if not turn.total:
             turn.first = header.first
         phase = (header.first - turn.first) % UNITS_PER_TURN
         if header.starts_turn or phase < turn.phase - UNITS_PER_TURN // 4:
@@ -247,8 +241,7 @@ class Decoder:
                 self.turn_rate_hz = header.turn_rate / 10.0
         turn.torn |= bool(lost)
         turn.phase = phase
-        turn.packets.append(packet)
-        turn.counts.append(self._clock.count - header.size)
+        turn.add(header, content, self._clock.count - header.size)
         self._previous = header
 
     def _lost_before(self, header: Header) -> int:
@@ -267,7 +260,7 @@ class Decoder:
     def _next_turn(self, header: Header, scans: list[Scan]) -> _Turn:
         """End the turn under way before this packet."""
         turn = self._turn
-        if turn.packets and self._clock.offset is not None:
+        if turn.total and self._clock.offset is not None:
             self.counts["turns"] += 1
             self.counts["turns_torn"] += turn.torn
             scans.append(turn.to_scan(self._clock.offset))
