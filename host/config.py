@@ -65,8 +65,8 @@ class Lidar(Section):
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
     delay_s: float = Field(0.0, ge=-0.5, le=1.0)
     target_diameter_m: float = Field(0.065, gt=0.01, lt=1.0)
-    range_noise_m: float = Field(0.006, gt=0.0, lt=0.5)  # std of one sample at 1 m
-    max_range_m: float = Field(3.0, gt=0.1, le=12.0)  # detections beyond are not used
+    range_noise_m: float = Field(0.003, gt=0.0, lt=0.5)  # std of one sample at 1 m
+    max_range_m: float = Field(2.5, gt=0.1, le=12.0)  # detections beyond are not used
     detection_probability: float = Field(0.95, gt=0.0, lt=1.0)  # close by, in plain view
     half_range_m: float = Field(2.4, gt=0.1, lt=1000.0)  # where it has fallen to one half
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
@@ -97,6 +97,7 @@ class Filter(Section):
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
     report_weight: float = Field(0.5, gt=0.0, lt=1.0)  # from here on a teammate is reported ...
     forget_weight: float = Field(0.1, gt=0.0, lt=1.0)  # ... until it falls below this
+    report_sigma_m: float = Field(0.35, gt=0.0, lt=10.0)  # and not where known worse than this
     prune_weight: float = Field(2e-4, gt=0.0, lt=0.1)
     merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared Mahalanobis
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis

@@ -19,6 +19,7 @@ Forced repairs, without which it cannot run at all:
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,17 +28,13 @@ from host.estimator.gaussian_mixture import (
     PXX,
     PXY,
     PYY,
-    ROBOT,
     ROWS,
-    SEEN,
     WEIGHT,
-    Pairs,
     X,
     Y,
     carry,
-    empty,
-    pair_bearings,
-    pair_positions,
+    update_by_bearings,
+    update_by_positions,
 )
 from host.geometry import SECTORS, wrap
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
@@ -60,7 +57,8 @@ class Perera2021Filter:
         sectors = (lidar or Lidar()).blind_sectors
         self._centres = np.array([s.centre_rad for s in sectors])
         self._widths = np.array([s.width_rad for s in sectors])
-        self._rows = empty()
+        self._rows = np.zeros((ROWS, 0))
+        self._seen = np.zeros(0)
         self._time = 0.0
 
     def predict(self, motion: Displacement) -> None:
@@ -72,8 +70,8 @@ class Perera2021Filter:
         carry(rows, motion, _SYSTEM_NOISE_M2)
         birth = np.zeros((ROWS, 1))
         birth[[PXX, PYY]], birth[WEIGHT] = _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT
-        birth[ROBOT], birth[SEEN] = 1.0, motion.time
         self._rows = np.concatenate((rows, birth), axis=1)
+        self._seen = np.append(self._seen, motion.time)
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Eq. 12–23 for the lidar, eq. 24–30 for the cameras."""
@@ -81,39 +79,41 @@ class Perera2021Filter:
         bearing, distance = np.arctan2(rows[Y], rows[X]), np.hypot(rows[X], rows[Y])
         hidden = self._occlusion(bearing, distance)
         if isinstance(measurement, Positions):
-            count = len(measurement.positions)
-            noise = np.broadcast_to(_LIDAR_VARIANCE_M2 * np.eye(2), (count, 2, 2))
-            measured = Positions(measurement.time, measurement.positions, noise)
-            detected = 1.0 / (1.02 + np.exp(8.0 * (distance - 1.5)))  # eq. 19
-            detected *= hidden * self._blind(bearing)  # eq. 18
+            detected = hidden * self._blind(bearing)  # eq. 18
+            detected /= 1.02 + np.exp(8.0 * (distance - 1.5))  # eq. 19
             if measurement.clearance is not None:
                 detected *= _interference(bearing, measurement.clearance)
-            pairs = pair_positions(rows, measured, np.zeros(count), _EVERYTHING)
-            density = _position_density(rows, measured, pairs)
+            n, m = rows.shape[1], len(measurement.positions)
+            i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
+            positions = measurement.positions[j]
+            noise = np.full((3, 1), _LIDAR_VARIANCE_M2)
+            noise[1] = 0.0
+            updated, _ = update_by_positions(rows[:, i], positions, noise)
+            density = _position_density(rows[:, i], positions)
         else:
-            count = len(measurement.bearings)
-            seen = measurement
-            variances = np.full(count, _BEARING_VARIANCE_RAD2)
-            measured_bearings = Bearings(seen.time, seen.bearings, variances, seen.origin)
+            m = len(measurement.bearings)
             detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
             detected[distance < 1e-3] = 0.0  # repair 5
-            pairs = pair_bearings(rows, measured_bearings, 0.0, _EVERYTHING)
-            density = _bearing_density(rows, measured_bearings, pairs)
-        self._weigh(np.clip(detected, 0.0, 0.98), pairs, density, count)
-
-    def _weigh(self, detected: FloatArray, pairs: Pairs, density: FloatArray, count: int) -> None:
-        """Eq. 12, 15, 24, 27 with the normaliser of eq. 6, then pruning."""
-        i, j, rows = pairs.component, pairs.reading, self._rows
-        mass = detected[i] * rows[WEIGHT, i] * density
-        total = np.bincount(j, mass, count)
-        pairs.updated[WEIGHT] = mass / np.maximum(total[j], 1e-300)
-        pairs.updated[SEEN] = self._time
+            noise = np.full(m, _BEARING_VARIANCE_RAD2)
+            as_printed = replace(measurement, variances=noise)
+            pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
+            i, j, updated = pairs.component, pairs.reading, pairs.updated
+            density = _bearing_density(rows[:, i], measurement.bearings[j], measurement.origin)
+        detected = np.clip(detected, 0.0, 0.98)
+        updated[WEIGHT] *= detected[i] * density
+        total = np.bincount(j, updated[WEIGHT], m)
+        updated[WEIGHT] /= np.maximum(total[j], 1e-300)
         rows[WEIGHT] *= 1.0 - detected
-        rows = np.concatenate((rows, pairs.updated), axis=1)
-        rows = rows[:, rows[WEIGHT] > _PRUNE_WEIGHT]
-        if rows.shape[1] > _CAPACITY:
-            rows = rows[:, np.argsort(-rows[WEIGHT], kind="stable")[:_CAPACITY]]
-        self._rows = rows
+        self._prune(updated)
+
+    def _prune(self, updated: FloatArray) -> None:
+        """Keep what weighs enough of the missed and the updated components (repair 7)."""
+        rows = np.concatenate((self._rows, updated), axis=1)
+        seen = np.concatenate((self._seen, np.full(updated.shape[1], self._time)))
+        keep = np.flatnonzero(rows[WEIGHT] > _PRUNE_WEIGHT)
+        if len(keep) > _CAPACITY:
+            keep = keep[np.argsort(-rows[WEIGHT, keep], kind="stable")[:_CAPACITY]]
+        self._rows, self._seen = rows[:, keep], seen[keep]
 
     def _blind(self, bearing: FloatArray) -> FloatArray:
         """Eq. 20: the pillars of the camera holder."""
@@ -137,7 +137,7 @@ class Perera2021Filter:
             positions=rows[[X, Y]].T,
             covariances=rows[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2),
             weights=rows[WEIGHT],
-            ages=self._time - rows[SEEN],
+            ages=self._time - self._seen[index],
             labels=index,
         )
 
@@ -152,20 +152,23 @@ def _interference(bearing: FloatArray, clearance: FloatArray) -> FloatArray:
     return np.asarray(1.0 - 0.6 * np.exp(-0.5 * (nearest / _INTERFERENCE_RAD) ** 2))
 
 
-def _position_density(rows: FloatArray, measured: Positions, pairs: Pairs) -> FloatArray:
-    """N(l; m, p) of eq. 15: with the component's covariance, as printed."""
-    x, y, pxx, pxy, pyy = rows[: PYY + 1, pairs.component]
-    dx, dy = measured.positions[pairs.reading].T - (x, y)
+def _position_density(rows: FloatArray, positions: FloatArray) -> FloatArray:
+    """N(l; m, p) of eq. 15 for pairs (ROWS, p), (p, 2): with the component's own covariance."""
+    x, y, pxx, pxy, pyy = rows[: PYY + 1]
+    dx, dy = positions[:, 0] - x, positions[:, 1] - y
     determinant = pxx * pyy - pxy * pxy
     square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / determinant
     return np.asarray(np.exp(-0.5 * square) / (2.0 * math.pi * np.sqrt(determinant)))
 
 
-def _bearing_density(rows: FloatArray, measured: Bearings, pairs: Pairs) -> FloatArray:
-    """N(c; h(m), H p H^T) of eq. 27: with the component's variance of the bearing, as printed."""
-    x, y, pxx, pxy, pyy = rows[: PYY + 1, pairs.component]
-    dx, dy = x - measured.origin[0], y - measured.origin[1]
+def _bearing_density(
+    rows: FloatArray, bearings: FloatArray, origin: tuple[float, float]
+) -> FloatArray:
+    """N(c; h(m), H p H^T) of eq. 27 for pairs (ROWS, p), (p,): the component's own variance."""
+    x, y, pxx, pxy, pyy = rows[: PYY + 1]
+    dx, dy = x - origin[0], y - origin[1]
     square = np.maximum(dx * dx + dy * dy, 1e-6)
     variance = (pxx * dy * dy - 2.0 * pxy * dx * dy + pyy * dx * dx) / (square * square)
-    offset = wrap(measured.bearings[pairs.reading] - np.arctan2(dy, dx))
+    variance = np.maximum(variance, 1e-12)
+    offset = wrap(bearings - np.arctan2(dy, dx))
     return np.asarray(np.exp(-0.5 * offset**2 / variance) / np.sqrt(2.0 * math.pi * variance))

@@ -14,6 +14,7 @@ from host.messages import BoolArray, FloatArray
 
 _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
 _HIDDEN = 0.03  # behind something nearer
+_HIDDEN_STRIP = 0.1  # the cameras look over the lidar: a nearer teammate hides most of a strip
 _UNCLEAR = 0.25  # something is there, but it was not told apart
 _NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
 _MARGIN_M = 0.12  # nearer by less than this does not hide
@@ -105,4 +106,4 @@ class CameraModel:
             config.range_steepness_per_m,
         )
         hidden = clearance[sector(bearing)] < distance - _MARGIN_M
-        return np.clip(np.where(hidden, 0.5, 1.0) * probability, _LEAST, _MOST)
+        return np.clip(np.where(hidden, _HIDDEN_STRIP, 1.0) * probability, _LEAST, _MOST)

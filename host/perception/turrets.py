@@ -20,10 +20,11 @@ from host.messages import BoolArray, FloatArray, IntArray, Positions, Scan
 _CLUSTER_GAP_M = 0.06  # returns closer than this belong together
 _WIDTH_MARGIN_M = 0.02
 _LINE_M = 0.02  # a piece of wall lies this close to the line between its neighbours ...
-_LINE_REACH_M = 0.35  # ... which are then this near
+_LINE_REACH_M = 0.6  # ... which are then this near
+_RUN = 6  # returns on one side that make a line
 _LEAST_SHARE = 0.35  # of the returns that a turret in plain view would give
 _HIDING_M = 0.1  # a neighbour nearer by more than this may hide a part
-_SIDE_RAD = 0.006  # std of the arc's middle, as seen from the lidar: half a sample and missing ends
+_SIDE_M, _SIDE_RAD = 0.004, 0.0015  # std of the arc's middle: missing ends and half a sample
 _FIT_STEPS = 4
 
 
@@ -90,27 +91,41 @@ def _select(
     first, last = order[begin], order[begin + size - 1]
     width = np.hypot(*(points[last] - points[first]).T)
     expected = lidar.target_diameter_m / ranges[first] * n / (2.0 * math.pi)
-    before, after = points[first - 1], points[(last + 1) % n]
-    middle = 0.5 * (points[first] + points[last])
     accepted = (
         (width <= lidar.target_diameter_m + _WIDTH_MARGIN_M)
         & (ranges[first] <= lidar.max_range_m)
         & (size >= np.maximum(2.0, _LEAST_SHARE * expected))
-        & ~_on_line(middle, before, after)
+        & ~_on_wall(points, first, last)
     )
     chosen = np.flatnonzero(accepted)
     nearer = np.minimum(ranges[first - 1], ranges[(last + 1) % n]) < ranges[first] - _HIDING_M
     return chosen, first[chosen], last[chosen], nearer[chosen].astype(float)
 
 
-def _on_line(middle: FloatArray, before: FloatArray, after: FloatArray) -> BoolArray:
-    """Whether a cluster's middle (k, 2) lies on the line through its near neighbours (bool)."""
-    along = after - before
-    offset = middle - before
+def _on_wall(points: FloatArray, first: IntArray, last: IntArray) -> BoolArray:
+    """Whether clusters (k,) from sample `first` to `last` lie on a line with what is around them.
+
+    A piece of wall between two gaps is as small as a turret, but the wall goes on beside it.
+    """
+    n = len(points)
+    middle = 0.5 * (points[first] + points[last])
+    left = [points[first - k] for k in (1, _RUN // 2, _RUN)]
+    right = [points[(last + k) % n] for k in (1, _RUN // 2, _RUN)]
+    found = np.zeros(len(first), dtype=bool)
+    # Three returns of the wall make a line: all on one side, or two on one and one on the other.
+    for a, b, c in (left, right, (left[0], left[1], right[0]), (right[0], right[1], left[0])):
+        straight = _off_line(b, a, c) < 0.5 * _LINE_M
+        found |= straight & (_off_line(middle, a, c) < _LINE_M)
+    return found
+
+
+def _off_line(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distance (k,) m of points (k, 2) from the lines through a and b; inf where these are far."""
+    along, offset = b - a, point - a
     length = np.maximum(np.hypot(*along.T), 1e-9)
     across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / length
-    reach = np.maximum(np.hypot(*offset.T), np.hypot(*(middle - after).T))
-    return np.asarray((across < _LINE_M) & (reach < _LINE_REACH_M))
+    far = (np.hypot(*offset.T) > _LINE_REACH_M) | (length > 2.0 * _LINE_REACH_M)
+    return np.where(far, math.inf, across)
 
 
 def _fit_circles(
@@ -134,7 +149,7 @@ def _fit_circles(
     across = np.stack((-ray[:, 1], ray[:, 0]), axis=1)
     centre = middle + 0.8 * radius * ray
     precision = 1.0 / (lidar.range_noise_m * np.maximum(distance, 0.3)) ** 2
-    side = 1.0 / (_SIDE_RAD * distance + 0.5 * radius * hidden) ** 2
+    side = 1.0 / (_SIDE_M + _SIDE_RAD * distance + 0.5 * radius * hidden) ** 2
     outer = side[:, None, None] * across[:, :, None] * across[:, None, :]
     information = np.zeros((m, 2, 2))
     for _ in range(_FIT_STEPS):
