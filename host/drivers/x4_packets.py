@@ -94,37 +94,6 @@ def xor_of_words(data: bytes) -> int:
     return (x ^ x >> 16) & 0xFFFF
 
 
-def _check_length(data: bytes, start: int, header: Header) -> Header | str | None:
-    """What `read_packet` returns for a packet with the right checksum and no packet behind it.
-
-    An XOR of words does not notice words that cancel, and where most samples are 0 a damaged LSN
-    or a loss of bytes can leave it right. Then the next packet begins inside this one, or where
-    this one would end with one more bit set in LSN, or foreign words at the end cancel.
-    """
-    end = start + HEADER_LENGTH + 2 * header.size
-    if len(data) < end + len(HEADER):
-        return None
-    if data.find(HEADER, start + len(HEADER), end) >= 0:
-        return "implausible_packets"
-    foreign = 0
-    for place in range(end - 2, start + HEADER_LENGTH - 2, -2):
-        word = data[place] | data[place + 1] << 8
-        foreign ^= word
-        if word and not foreign:
-            return "implausible_packets"
-    for bit in range(6):
-        longer = header.size | 1 << bit
-        if longer == header.size or longer > MAX_SAMPLES:
-            continue
-        other_end = start + HEADER_LENGTH + 2 * longer
-        if len(data) < other_end + len(HEADER):
-            return None
-        damage = 1 << (8 + bit)
-        if data.startswith(HEADER, other_end) and xor_of_words(data[start:other_end]) == damage:
-            return "implausible_packets"
-    return header
-
-
 def read_packet(data: bytes, start: int) -> Header | str | None:
     """The packet that begins at `start` with AA 55, where it is sound.
 
@@ -140,9 +109,70 @@ def read_packet(data: bytes, start: int) -> Header | str | None:
         return None
     if xor_of_words(data[start:end]):
         return "checksum_errors"
-    if header.starts_turn or data.startswith(HEADER, end):
-        return header
-    return _check_length(data, start, header)
+    wrong = False if header.starts_turn else _is_wrong_inside(data, start, header.size)
+    if wrong is None:
+        return None
+    return "implausible_packets" if wrong else header
+
+
+def _is_wrong_inside(data: bytes, start: int, size: int) -> bool | None:
+    """Whether a packet with the right checksum is damaged all the same; None: not yet known.
+
+    An XOR of words does not notice words that cancel, and where most samples are 0 a damaged LSN
+    or a loss of bytes can leave it right.
+    """
+    end = start + HEADER_LENGTH + 2 * size
+    if len(data) < end + len(HEADER):
+        return None
+    wrong = _holds_packet(data, start, end)
+    if wrong is False and not data.startswith(HEADER, end):
+        wrong = _samples_cancel(data, start, end) or _should_be_longer(data, start, size)
+    return wrong
+
+
+def _holds_packet(data: bytes, start: int, end: int) -> bool | None:
+    """Whether another packet begins inside this one, so that it swallowed it; None: not yet known.
+
+    A whole packet cancels in the XOR. AA 55 alone proves nothing: angles and checksums hold it.
+    """
+    inner = data.find(HEADER, start + len(HEADER), end)
+    while inner >= 0:
+        if len(data) < inner + HEADER_LENGTH:
+            return None
+        header = _read_header(data, inner)
+        if header is not None:
+            inner_end = inner + HEADER_LENGTH + 2 * header.size
+            if len(data) < inner_end:
+                return None
+            if not xor_of_words(data[inner:inner_end]):
+                return True
+        inner = data.find(HEADER, inner + len(HEADER), end)
+    return False
+
+
+def _samples_cancel(data: bytes, start: int, end: int) -> bool:
+    """Whether the last samples cancel in the XOR, as the angles of a packet's remains do."""
+    x = 0
+    for place in range(end - 2, start + HEADER_LENGTH - 2, -2):
+        word = data[place] | data[place + 1] << 8
+        x ^= word
+        if word and not x:
+            return True
+    return False
+
+
+def _should_be_longer(data: bytes, start: int, size: int) -> bool | None:
+    """Whether the packet is sound with one more bit set in LSN; None: not yet known."""
+    for bit in range(6):
+        longer = size | 1 << bit
+        if longer == size or longer > MAX_SAMPLES:
+            continue
+        end = start + HEADER_LENGTH + 2 * longer
+        if len(data) < end + len(HEADER):
+            return None
+        if data.startswith(HEADER, end) and xor_of_words(data[start:end]) == 1 << (8 + bit):
+            return True
+    return False
 
 
 def encode_packet(

@@ -197,7 +197,7 @@ def test_a_cut_costs_only_the_packets_it_touches(returns: float) -> None:
     whole, _ = feed_all(stream)
     bounds = np.cumsum([0] + [len(p) for p in packets])
     for begin in range(bounds[-1]):
-        for length in (1, 10, 64, begin):
+        for length in (1, 10, 60, 64, begin):
             first, end = (0, begin) if length == begin else (begin, begin + length)
             if end > bounds[-1]:
                 continue
@@ -228,6 +228,20 @@ def test_a_wrong_length_whose_checksum_is_right_is_not_believed() -> None:
     decoder, _ = feed_all(bytes(packet) + follower + follower)
     assert decoder.counts["implausible_packets"] == 1
     assert decoder.counts["packets"] == 1
+
+
+def test_a_packet_that_swallowed_a_short_one_is_not_believed() -> None:
+    empty = encode_packet(np.zeros(40, dtype=int), 1000, 1000 + 39 * 40)
+    short = encode_packet(np.full(25, 2000), 2600, 2600 + 24 * 40)
+    following = encode_packet(np.zeros(40, dtype=int), 3600, 3600 + 39 * 40)
+    swallowing = empty[:30] + short
+    assert xor_of_words(swallowing) == 0
+    assert len(swallowing) == len(empty)
+    decoder, _ = feed_all(swallowing + following * 2)
+    assert decoder.counts["implausible_packets"] == 1
+    assert (
+        decoder.counts["packets"] == 2
+    )  # the short one and the one after it; nothing confirms the last
 
 
 def test_a_packet_that_swallowed_the_next_one_is_not_believed() -> None:
