@@ -35,7 +35,7 @@ class Positions:
     positions (n, 2) m, covariances (n, 2, 2) m².
     lags (n,) s: how long before `time` each reading was made; None: all at `time`.
     clearance (k,) m: how far the lidar saw in each of k equal sectors that start at bearing -pi;
-    inf where nothing came back; None from a sensor that cannot tell.
+    inf where nothing came back, 0 where it did not look; None from a sensor that cannot tell.
     identities (n,): who was measured (-1 nobody), where a dataset knows; only the clairvoyant
     filter of the evaluation reads it.
     """

@@ -86,16 +86,14 @@ class Perera2021Filter:
             n, m = rows.shape[1], len(measurement.positions)
             i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
             positions = measurement.positions[j]
-            noise = np.full((3, 1), _LIDAR_VARIANCE_M2)
-            noise[1] = 0.0
-            updated, _ = update_by_positions(rows[:, i], positions, noise)
+            lidar_noise = _LIDAR_VARIANCE_M2 * np.array([[1.0], [0.0], [1.0]])
+            updated, _ = update_by_positions(rows[:, i], positions, lidar_noise)
             density = _position_density(rows[:, i], positions)
         else:
             m = len(measurement.bearings)
             detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
             detected[distance < 1e-3] = 0.0  # repair 5
-            noise = np.full(m, _BEARING_VARIANCE_RAD2)
-            as_printed = replace(measurement, variances=noise)
+            as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
             pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
             i, j, updated = pairs.component, pairs.reading, pairs.updated
             density = _bearing_density(rows[:, i], measurement.bearings[j], measurement.origin)

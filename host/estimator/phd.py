@@ -134,7 +134,10 @@ class PhdFilter:
         i, j = pairs.component, pairs.reading
         support = detected[i] * pairs.likelihood
         mass = support * prior[WEIGHT, i]
-        others = np.bincount(j, mass, m)[j] - mass + self._camera.clutter
+        # Blobs beyond what is expected come from teammates that the lidar has not shown yet.
+        unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / (2.0 * np.pi)
+        clutter = self._camera.clutter + unknown
+        others = np.bincount(j, mass, m)[j] - mass + clutter
         family = np.concatenate((prior, pairs.updated), axis=1)
         family[WEIGHT, :n] *= 1.0 - detected
         family[WEIGHT, n:] *= support / others

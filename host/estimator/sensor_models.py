@@ -13,9 +13,9 @@ from host.geometry import SECTORS, sector, wrap
 from host.messages import BoolArray, FloatArray
 
 _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
-_HIDDEN = 0.03  # behind something nearer
-_HIDDEN_STRIP = 0.1  # the cameras look over the lidar: a nearer teammate hides most of a strip
-_UNCLEAR = 0.25  # something is there, but it was not told apart
+_HIDDEN = 0.1  # behind something nearer
+_HIDDEN_STRIP = 0.2  # the cameras look over the lidar: a nearer teammate hides most of a strip
+_UNCLEAR = 0.85  # something is there, but it was not told apart
 _NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
 _MARGIN_M = 0.12  # nearer by less than this does not hide
 
@@ -79,8 +79,12 @@ class LidarModel:
         if len(self._centres):
             offset = wrap(bearing[:, None] - self._centres) / self._widths
             probability *= np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1)
+        outside = (distance < config.min_range_m) | (
+            np.abs(bearing) > 0.5 * config.field_of_view_rad
+        )
         seen = clearance[sector(bearing)]
         factor = np.where(seen < distance - _MARGIN_M, _HIDDEN, 1.0)
+        factor[outside] = 0.0
         if measured:
             factor[np.abs(seen - distance) <= _MARGIN_M] = _UNCLEAR
             factor[np.isinf(seen)] = 1.0 - _NULL_LOSS

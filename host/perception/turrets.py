@@ -34,22 +34,24 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     Every return is placed with the pose the robot had when it was measured (de-skewing) and the
     lidar's mounting. Covariances come from the fit; `lags` say when in the turn each was seen.
     """
-    valid = scan.ranges > 0.0
-    ranges, angles, times = scan.ranges[valid], scan.angles[valid], scan.times[valid]
-    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
     mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
-    points = path.carry(to_parent(beams, mounting), times, scan.time)
-    origins = path.carry(np.broadcast_to(mounting[:2], points.shape), times, scan.time)
-    clearance = clearance_profile(points)
+    returned = scan.ranges > 0.0
+    reach = np.where(returned, scan.ranges, 1.0)  # a null sample still has a direction
+    beams = np.stack((reach * np.cos(scan.angles), reach * np.sin(scan.angles)), axis=1)
+    points = path.carry(to_parent(beams, mounting), scan.times, scan.time)
+    origins = path.carry(np.broadcast_to(mounting[:2], points.shape), scan.times, scan.time)
+    clearance = clearance_profile(points, returned)
+    points, origins = points[returned], origins[returned]
+    ranges, times = scan.ranges[returned], scan.times[returned]
     if len(points) < 3:
         none = np.zeros((0, 2))
         return Positions(scan.time, none, np.zeros((0, 2, 2)), np.zeros(0), clearance)
     label = _clusters(points)
     # Begin between two clusters, so that the samples of each are in the order they were taken.
     start = int(np.argmax(label != label[-1]))
-    points, origins, ranges, times, label = (
-        np.roll(a, -start, axis=0) for a in (points, origins, ranges, times, label)
-    )
+    points, origins = np.roll(points, -start, axis=0), np.roll(origins, -start, axis=0)
+    ranges, times = np.roll(ranges, -start), np.roll(times, -start)
+    label = np.roll(label, -start)
     chosen, first, last, hidden = _select(points, ranges, label, lidar)
     member = np.flatnonzero(np.isin(label, chosen))
     group = np.searchsorted(chosen, label[member])
@@ -60,16 +62,24 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     return Positions(scan.time, centres, covariances, lags, clearance)
 
 
-def clearance_profile(points: FloatArray) -> FloatArray:
+def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:
     """How far one sees in each of SECTORS equal sectors from bearing -pi on: (SECTORS,) m.
 
-    The nearest of the returns (n, 2) in the sector and its two neighbours; inf where none came.
+    points (n, 2) m: of every sample; returned (n,): whether something came back. The nearest
+    return in the sector and its two neighbours; inf where only nulls came, 0 where the turn has
+    no sample at all.
     """
     bearing, distance = np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)
-    farthest_first = np.argsort(-distance)
-    nearest = np.full(SECTORS, math.inf)
-    nearest[sector(bearing[farthest_first])] = distance[farthest_first]
-    return np.asarray(np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1))))
+    distance = np.where(returned, distance, math.inf)
+    place = sector(bearing)
+    farthest_first = np.argsort(-distance, kind="stable")
+    nearest: FloatArray = np.full(SECTORS, -1.0)
+    nearest[place[farthest_first]] = distance[farthest_first]
+    unseen = nearest < 0.0
+    unseen &= np.roll(unseen, 1) & np.roll(unseen, -1)
+    nearest[nearest < 0.0] = math.inf
+    around = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
+    return np.where(unseen, 0.0, around)
 
 
 def _clusters(points: FloatArray) -> IntArray:
