@@ -5,9 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from host.evaluation.labels import TruthTrack
-from host.evaluation.metrics import Accumulator
-from host.messages import Estimate
+from host.evaluation.metrics import Accumulator, match
+from host.messages import Estimate, FloatArray
 
+RANGE_M = 2.0  # the sensing range of the thesis: who is nearer is to be reported
+BAND_M = 0.5  # a report from this border beyond the range is never false
 WARM_UP_S = 5.0  # for the first teammates to be found
 
 
@@ -15,14 +17,15 @@ def score(
     estimates: Iterable[Estimate],
     track: TruthTrack,
     scored: Accumulator,
-    range_m: float,
-    band_m: float = 0.5,
+    range_m: float = RANGE_M,
+    band_m: float = BAND_M,
     warm_up_s: float = WARM_UP_S,
 ) -> None:
     """Add every estimate that has truth to `scored`, in time order.
 
-    Teammates within range_m are to be reported. In the band_m beyond it a report is neither
-    wanted nor false. The first warm_up_s after the first estimate are left out.
+    Teammates within range_m are to be reported; those beyond may be. What is estimated in the
+    band_m beyond range_m is never false. The first warm_up_s after the first estimate are left
+    out.
     """
     begin = None
     for estimate in estimates:
@@ -30,7 +33,17 @@ def score(
         truth = track.at(estimate.time)
         if truth is None or estimate.time - begin < warm_up_s:
             continue
-        distances = np.linalg.norm(truth.positions, axis=1)
-        wanted = distances <= range_m
-        border = ~wanted & (distances <= range_m + band_m)
-        scored.add(truth.positions[wanted], truth.positions[border], estimate)
+        inside = np.linalg.norm(truth.positions, axis=1) <= range_m
+        wanted, beyond = truth.positions[inside], truth.positions[~inside]
+        border = _spare_in_border(wanted, estimate, scored, range_m, band_m)
+        scored.add(wanted, np.concatenate((beyond, border)), estimate)
+
+
+def _spare_in_border(
+    wanted: FloatArray, estimate: Estimate, scored: Accumulator, range_m: float, band_m: float
+) -> FloatArray:
+    """Estimates (k, 2) in the border that no wanted teammate (m, 2) needs."""
+    _, used = match(wanted, estimate.positions, scored.p, scored.c)
+    spare = np.delete(estimate.positions, used, axis=0)
+    distance = np.linalg.norm(spare, axis=1)
+    return np.asarray(spare[(distance > range_m) & (distance <= range_m + band_m)])

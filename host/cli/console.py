@@ -1,0 +1,249 @@
+"""The screen of a run: a table of teammates and the devices' health.
+
+On a terminal the whole of it is drawn again in place; elsewhere a line tells each second, and one
+each change of a device.
+"""
+
+import math
+import os
+import shutil
+import textwrap
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TextIO
+
+import numpy as np
+
+from host.evaluation.metrics import match
+from host.evaluation.truth_scoring import RANGE_M
+from host.messages import Estimate, FloatArray, Health, Message, Truth
+
+FRAME_S = 0.2
+LINE_S = 1.0
+_WIDEST = 100  # columns: longer lines are hard to read
+_CUT_OFF_M = 0.5  # further from every teammate an estimate is none of them
+_OLD_S = 1.0
+_HOME, _TO_LINE_END, _TO_SCREEN_END = "\x1b[H", "\x1b[K", "\x1b[J"
+_CLEAR, _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[2J", "\x1b[?25l", "\x1b[?25h"
+_CODES = {"bold": "1", "dim": "2", "red": "31;1", "green": "32", "": ""}
+_COLUMNS = "{:>3} {:>8} {:>8} {:>8} {:>13} {:>10} {:>8} {:>7}"
+
+Paint = Callable[[str, str], str]
+
+
+def plain(text: str, style: str) -> str:
+    """Text without any style."""
+    return text
+
+
+def coloured(text: str, style: str) -> str:
+    """Text in a style: bold, dim, red or green."""
+    return f"\x1b[{_CODES[style]}m{text}\x1b[0m" if style else text
+
+
+@dataclass
+class State:
+    """What the screen tells. title: what runs; filter_name, sensors: as chosen.
+
+    seconds: since the start; real_time_factor: measured seconds per second of the clock.
+    """
+
+    title: str
+    filter_name: str
+    sensors: str
+    seconds: float = 0.0
+    real_time_factor: float = math.nan
+    estimate: Estimate | None = None
+    truth: Truth | None = None
+    devices: dict[str, Health] = field(default_factory=dict)
+
+    def take(self, message: Message) -> None:
+        """Note what a message says."""
+        if isinstance(message, Estimate):
+            self.estimate = message
+        elif isinstance(message, Truth):
+            self.truth = message
+        elif isinstance(message, Health):
+            self.devices[message.device] = message
+
+
+def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
+    """The whole screen as lines of at most `width` columns."""
+    width = min(width, _WIDEST)
+    return [*_header(state, paint), "", *_table(state, paint), "", *_devices(state, width, paint)]
+
+
+def line(state: State) -> str:
+    """One second of the run on one line."""
+    parts = [f"{state.seconds:7.1f} s", _tally(state)]
+    parts += [f"{name} {'ok' if h.ok else 'DOWN'}" for name, h in state.devices.items()]
+    return "  ".join(parts)
+
+
+def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
+    """How far each estimate (n,) is from the teammate it is matched with; nan where from none."""
+    i, j = match(truth.positions, estimate.positions, 2.0, _CUT_OFF_M)
+    errors = np.full(len(estimate.positions), math.nan)
+    errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)
+    return errors
+
+
+def _header(state: State, paint: Paint) -> list[str]:
+    minutes, seconds = divmod(state.seconds, 60.0)
+    clock = f"{minutes:02.0f}:{seconds:04.1f}" if minutes < 100 else f"{minutes:.0f} min"
+    factor = (
+        "" if math.isnan(state.real_time_factor) else f"   real time x{state.real_time_factor:.2f}"
+    )
+    return [
+        paint(f"swarmloc   {state.title}", "bold"),
+        f"{clock}   filter {state.filter_name}   sensors {state.sensors}{factor}",
+    ]
+
+
+def _table(state: State, paint: Paint) -> list[str]:
+    estimate, truth = state.estimate, state.truth
+    heading = _COLUMNS.format(
+        "no", "x m", "y m", "dist m", "bearing deg", "sigma mm", "weight", "age s"
+    )
+    if truth is not None:
+        heading += f" {'error mm':>10}"
+    lines = [paint(heading, "dim")]
+    if estimate is not None:
+        errors = None if truth is None else errors_m(estimate, truth)
+        for k in np.argsort(estimate.labels, kind="stable"):
+            lines.append(_teammate(estimate, int(k), errors, paint))
+    if len(lines) == 1:
+        lines.append("  no teammate in sight" if estimate is not None else "  no estimate yet")
+    return [*lines, "", paint(_tally(state), "bold")]
+
+
+def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Paint) -> str:
+    x, y = (float(value) for value in estimate.positions[k])
+    sigma_mm = 1000.0 * math.sqrt(0.5 * float(np.trace(estimate.covariances[k])))
+    age = float(estimate.ages[k])
+    row = _COLUMNS.format(
+        int(estimate.labels[k]),
+        f"{x:+.3f}",
+        f"{y:+.3f}",
+        f"{math.hypot(x, y):.3f}",
+        f"{math.degrees(math.atan2(y, x)):+.1f}",
+        f"{sigma_mm:.0f}",
+        f"{estimate.weights[k]:.2f}",
+        f"{age:.1f}",
+    )
+    row = paint(row, "dim" if age > _OLD_S else "")
+    if errors is None:
+        return row
+    if math.isnan(errors[k]):
+        return row + paint(f" {'nobody':>10}", "red")
+    return row + f" {1000.0 * errors[k]:10.0f}"
+
+
+def _tally(state: State) -> str:
+    estimate, truth = state.estimate, state.truth
+    if estimate is None:
+        return "no estimate yet"
+    count = len(estimate.positions)
+    words = f"{count} teammate{'' if count == 1 else 's'}"
+    if truth is None:
+        return words
+    in_range = int(np.sum(np.linalg.norm(truth.positions, axis=1) <= RANGE_M))
+    words += f" ({in_range} truly within {RANGE_M:.1f} m"
+    errors = errors_m(estimate, truth)
+    if not np.all(np.isnan(errors)):
+        words += f", mean error {1000.0 * np.nanmean(errors):.0f} mm"
+    return words + ")"
+
+
+def _devices(state: State, width: int, paint: Paint) -> list[str]:
+    lines = []
+    indent = max(map(len, state.devices), default=0) + 2
+    for name, health in state.devices.items():
+        mark = paint("ok  ", "green") if health.ok else paint("DOWN", "red")
+        reason = textwrap.wrap(
+            "; ".join(health.reason.splitlines()), max(20, width - indent - 6)
+        ) or [""]
+        lines.append(f"{name:{indent}}{mark}  {reason[0]}")
+        lines += [" " * (indent + 6) + more for more in reason[1:]]
+    return lines
+
+
+class Console:
+    """Takes messages from any thread (`take`) and draws what they say (`draw`), each at its pace.
+
+    out: where to. clock: host time, s, from which `seconds` counts.
+    """
+
+    def __init__(
+        self, state: State, out: TextIO, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._state = state
+        self._out = out
+        self._clock = clock
+        self._start = clock()
+        self._lock = threading.Lock()
+        self._terminal = out.isatty()
+        self._paint = coloured if self._terminal and not os.environ.get("NO_COLOR") else plain
+        self._opened = False
+        self._next_line = self._start + LINE_S
+        self._told: dict[str, tuple[bool, str]] = {}
+        self._progress: list[tuple[float, float]] = []  # clock, time of the newest estimate
+
+    def take(self, message: Message) -> None:
+        """Note a message for the next drawing."""
+        with self._lock:
+            self._state.take(message)
+
+    def draw(self) -> None:
+        """Draw what is due now."""
+        with self._lock:
+            now = self._clock()
+            self._state.seconds = now - self._start
+            self._measure_pace(now)
+            text = self._frame() if self._terminal else self._lines(now)
+        if text:
+            self._out.write(text)
+            self._out.flush()
+
+    def close(self) -> None:
+        """Give the cursor back, below the last frame."""
+        if self._opened:
+            self._out.write(f"{_SHOW_CURSOR}\n")
+            self._out.flush()
+
+    def _measure_pace(self, now: float) -> None:
+        """How much time was measured in each second of the clock, over the last five."""
+        if self._state.estimate is None:
+            return
+        self._progress.append((now, self._state.estimate.time))
+        self._progress = [entry for entry in self._progress if entry[0] >= now - 5.0]
+        (first, begin), (last, end) = self._progress[0], self._progress[-1]
+        if last > first + 1.0:
+            self._state.real_time_factor = (end - begin) / (last - first)
+
+    def _frame(self) -> str:
+        columns, rows = shutil.get_terminal_size()
+        lines = frame(self._state, columns, self._paint)
+        if len(lines) >= rows > 2:
+            hidden = len(lines) - rows + 2
+            lines = [*lines[: rows - 2], f"... {hidden} more lines: make the window taller"]
+        begin = "" if self._opened else _CLEAR + _HIDE_CURSOR
+        self._opened = True
+        return begin + _HOME + "".join(f"{row}{_TO_LINE_END}\n" for row in lines) + _TO_SCREEN_END
+
+    def _lines(self, now: float) -> str:
+        lines = []
+        for name, health in self._state.devices.items():
+            # While all is well its words may change with every figure in them.
+            told = (health.ok, "" if health.ok else health.reason)
+            if self._told.get(name) != told:
+                self._told[name] = told
+                reason = "; ".join(health.reason.splitlines())
+                word = "ok" if health.ok else "DOWN"
+                lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
+        if now >= self._next_line:
+            self._next_line += LINE_S
+            lines.append(line(self._state) + "\n")
+        return "".join(lines)

@@ -1,0 +1,58 @@
+"""`swarmloc`: the commands, and how their failures reach the user."""
+
+from typing import Any
+
+import click
+
+from host.cli.evaluate import evaluate
+from host.cli.replay import replay
+from host.cli.run import run
+from host.cli.simulate import simulate
+from host.errors import UserError
+
+
+class Failure(click.ClickException):
+    """A failure in words on standard error, exit code 1."""
+
+    def show(self, file: Any = None) -> None:
+        """Print it."""
+        click.echo(f"swarmloc: {self.message}", err=True, file=file)
+
+
+class Commands(click.Group):
+    """Tells failures in words, and as a traceback only with --debug."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that was asked for."""
+        if ctx.params["debug"]:
+            return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        except UserError as error:
+            raise Failure(str(error)) from error
+        except (click.ClickException, click.Abort, click.exceptions.Exit):
+            raise
+        except Exception as error:
+            if isinstance(error, BrokenPipeError):
+                raise  # click ends quietly where nobody reads on
+            # The last line of defence: nothing but words reaches the user.
+            raise Failure(
+                f"a fault of the program: {type(error).__name__}: {error}\n"
+                "run it again as `swarmloc --debug ...` and report what it prints"
+            ) from error
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="swarmloc", prog_name="swarmloc")
+@click.option("--debug", is_flag=True, help="Show the traceback of a failure.")
+def main(debug: bool) -> None:
+    """Where each teammate of a robot swarm is, from one robot's own lidar, cameras and wheels.
+
+    \b
+    Example, without any hardware:
+      swarmloc run --simulate arena4
+    """
+
+
+for command in (run, simulate, replay, evaluate):
+    main.add_command(command)

@@ -1,0 +1,205 @@
+"""`swarmloc run`: the robot's devices, or simulated ones, to teammates on the screen."""
+
+import contextlib
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import click
+
+from host.cli import options
+from host.cli.console import FRAME_S, Console, State
+from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
+from host.cli.tally import Tally, summary
+from host.config import RobotConfig
+from host.drivers.romeo import Romeo
+from host.drivers.x4 import X4
+from host.errors import UserError
+from host.estimator import profiles
+from host.evaluation.runner import Timed
+from host.localizer import Localizer
+from host.messages import Truth
+from host.pipeline import Pipeline, Sink, Source
+from host.recording.log import Header, Recorder
+from host.simulation import scenarios
+from host.simulation.devices import Interval, LiveSimulation
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def _intervals(
+    ctx: click.Context, param: click.Parameter, values: Sequence[str]
+) -> dict[str, list[Interval]]:
+    """Intervals (s since the start) by device, of DEVICE=FROM-TO; without TO it stays away."""
+    absent: dict[str, list[Interval]] = {}
+    for value in values:
+        device, _, interval = value.partition("=")
+        begin, dash, end = interval.partition("-")
+        try:
+            times = float(begin), float(end) if end else math.inf
+        except ValueError:
+            times = (math.nan, math.nan)
+        if not (device and dash and 0.0 <= times[0] < times[1]):
+            raise click.BadParameter(f"{value!r} is not like lidar=2-4 (seconds since the start).")
+        absent.setdefault(device, []).append(times)
+    return absent
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What a run consists of: the devices, the configuration in effect, and truth if known."""
+
+    title: str
+    config: RobotConfig
+    sensors: str
+    sources: Mapping[str, Source]
+    scenario: str | None = None
+    truth: Callable[[float], Truth] | None = None
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  swarmloc run --simulate arena4
+  swarmloc run --simulate arena4 --seconds 10 --unplug lidar=2-5
+  swarmloc run --robot robots/cherokey.toml --record today.swarmloc"""
+)
+@options.robot_option
+@click.option(
+    "--simulate",
+    "scenario",
+    metavar="SCENARIO",
+    help=f"Simulate the devices: {', '.join(scenarios.KNOWN)}, or as arena4:seed=1,robots=6.",
+)
+@click.option(
+    "--unplug",
+    metavar="DEVICE=FROM-TO",
+    multiple=True,
+    callback=_intervals,
+    help="Leave a simulated device out for some seconds, as lidar=2-4 or board=3-.",
+)
+@click.option("--seconds", type=click.FloatRange(0.1), help="End after so long.")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Record what was measured and estimated (FILE ends in .swarmloc).",
+)
+@click.option(
+    "--sensors",
+    type=click.Choice(options.SENSORS),
+    help="Sensors to use besides the wheels.  [default: those there are]",
+)
+@options.filter_option
+@options.json_option
+def run(
+    robot_path: Path | None,
+    scenario: str | None,
+    unplug: Mapping[str, Sequence[Interval]],
+    seconds: float | None,
+    record: Path | None,
+    sensors: str | None,
+    filter_name: str | None,
+    json_path: Path | None,
+) -> None:
+    """Show where the teammates are, until Ctrl-C or for --seconds, then a summary."""
+    if unplug and scenario is None:
+        raise click.UsageError("--unplug needs --simulate: a real device is unplugged by hand")
+    robot = options.robot(robot_path, filter_name)
+    with contextlib.ExitStack() as stack:
+        if scenario is None:
+            rig = _real(robot, sensors)
+        else:
+            rig = _simulated(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
+        figures, failures = _run(rig, seconds, record)
+    click.echo(summary(figures))
+    options.write_json(json_path, figures)
+    for name, error in failures.items():
+        if isinstance(error, UserError):
+            raise error
+        raise RuntimeError(f"the {name} ended before its time") from error
+
+
+def _real(robot: RobotConfig, sensors: str | None) -> Rig:
+    if sensors == LIDAR_AND_CAMERA:
+        raise UserError(
+            "the cameras cannot be used yet",
+            "this version drives the lidar and the board; cameras exist in simulation only",
+            "use --sensors lidar, or --simulate arena4",
+        )
+    title = f"robot {robot.name} (its cameras are not read yet)"
+    return Rig(title, robot, LIDAR_ONLY, _drivers(robot))
+
+
+def _drivers(robot: RobotConfig) -> dict[str, Source]:
+    return {"lidar": X4(robot.lidar), "board": Romeo(robot.wheels, robot.board)}
+
+
+def _simulated(
+    stack: contextlib.ExitStack,
+    robot: RobotConfig,
+    scenario: str,
+    unplug: Mapping[str, Sequence[Interval]],
+    sensors: str,
+) -> Rig:
+    live = stack.enter_context(LiveSimulation(scenarios.parse(scenario), robot, unplug))
+    config = live.config
+    sources = _drivers(config)
+    if sensors == LIDAR_AND_CAMERA:
+        sources["camera"] = live.camera
+    return Rig(f"{scenario} (simulated)", config, sensors, sources, scenario, live.truth)
+
+
+def _run(
+    rig: Rig, seconds: float | None, record: Path | None
+) -> tuple[dict[str, Any], dict[str, Exception]]:
+    """Run until a signal, for `seconds` or until a failure; return figures and failures."""
+    update_seconds: list[float] = []
+    profile = rig.config.filter.profile
+    localizer = Localizer(rig.config, Timed(profiles.make(profile, rig.config), update_seconds))
+    tally = Tally()
+    with contextlib.ExitStack() as stack:
+        sinks: dict[str, Sink] = {"summary": tally.take}
+        if record is not None:
+            header = Header(rig.config, rig.sensors, rig.scenario)
+            recorder = stack.enter_context(Recorder(record, header))
+            sinks["recording"] = recorder.write
+        console = Console(State(rig.title, profile, rig.sensors), sys.stdout)
+        stack.callback(console.close)
+        sinks["screen"] = console.take
+        begin, begin_cpu = time.monotonic(), time.process_time()
+        pipeline = Pipeline(localizer, rig.sources, sinks, rig.truth)
+        # Signals are caught until the devices are left in good order.
+        with _until_signalled(pipeline.stop.set), pipeline:
+            _draw_until(pipeline, console, begin + (seconds or math.inf))
+        wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
+        console.draw()
+    return tally.figures(wall, cpu, update_seconds), pipeline.failures
+
+
+def _draw_until(pipeline: Pipeline, console: Console, end: float) -> None:
+    while not pipeline.stop.is_set() and (left := end - time.monotonic()) > 0.0:
+        console.draw()
+        pipeline.stop.wait(min(FRAME_S, left))
+
+
+@contextlib.contextmanager
+def _until_signalled(stop: Callable[[], None]) -> Iterator[None]:
+    """End in good order at the first signal; a second one ends the program at once."""
+
+    def handle(number: int, stack: FrameType | None) -> None:
+        stop()
+        signal.signal(number, before[signal.Signals(number)])
+
+    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,186 @@
+"""Sources → localizer → sinks: a thread per device, one for the localizer, a bounded queue between.
+
+A device that fails is told as Health and the rest goes on; so is a sink. What the localizer
+consumed, in its order, and what it made of it, goes to every sink.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Protocol, Self
+
+from host.errors import UserError
+from host.localizer import Localizer
+from host.messages import Bearings, Displacement, Health, Message, Positions, Scan, Truth
+
+CAPACITY = 256  # messages: some 3 s of them
+HEALTH_S = 1.0
+NAME = "localizer"
+_POLL_S = 0.1
+_JOIN_S = 5.0  # for a device to stop its motor and close its port
+
+Sink = Callable[[Message], None]
+
+
+class Source(Protocol):
+    """A device that delivers messages."""
+
+    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """Emit messages until `stop` is set."""
+
+
+class MessageQueue:
+    """Between threads. When it is full the oldest message is dropped and counted."""
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self.dropped = 0
+        self._messages: deque[Message] = deque()
+        self._capacity = capacity
+        self._news = threading.Condition()
+
+    def put(self, message: Message) -> None:
+        """Append a message; never waits."""
+        with self._news:
+            if len(self._messages) == self._capacity:
+                self._messages.popleft()
+                self.dropped += 1
+            self._messages.append(message)
+            self._news.notify()
+
+    def take(self, timeout_s: float) -> Message | None:
+        """The oldest message, None where none comes within `timeout_s`."""
+        with self._news:
+            if not self._messages:
+                self._news.wait(timeout_s)
+            return self._messages.popleft() if self._messages else None
+
+
+class Pipeline:
+    """Runs from entry to exit of its `with` block.
+
+    sources, sinks: by the name that Health calls them. truth: where the teammates are at a time
+    (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
+    is set where the localizer fails. failures: by name, what ended a part before its time.
+    """
+
+    def __init__(
+        self,
+        localizer: Localizer,
+        sources: Mapping[str, Source],
+        sinks: Mapping[str, Sink],
+        truth: Callable[[float], Truth] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.stop = threading.Event()
+        self.failures: dict[str, Exception] = {}
+        self._localizer = localizer
+        self._sinks = dict(sinks)
+        self._truth = truth
+        self._clock = clock
+        self._queue = MessageQueue()
+        self._ended = threading.Event()  # of all sources
+        self._sources = [
+            threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
+            for name, source in sources.items()
+        ]
+        self._thread = threading.Thread(target=self._localize, name=NAME, daemon=True)
+        self._counts = {"messages": 0, "estimates": 0, "dropped": 0, "late": 0, "busy_ms": 0}
+        self._busy_s = 0.0
+        self._reported = dict(self._counts)
+        self._next_health = 0.0
+
+    def __enter__(self) -> Self:
+        self._next_health = self._clock() + HEALTH_S
+        self._thread.start()
+        for thread in self._sources:
+            thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop.set()
+        for thread in self._sources:
+            thread.join(_JOIN_S)
+            if thread.is_alive():
+                self.failures[thread.name] = TimeoutError(f"did not stop within {_JOIN_S:.0f} s")
+        self._ended.set()
+        self._thread.join()
+
+    def _serve(self, name: str, source: Source) -> None:
+        try:
+            source.run(self._queue.put, self.stop)
+        except Exception as error:
+            # Whatever it is, the other devices and the localizer go on without this one.
+            self._tell_failure(name, error, self._queue.put)
+
+    def _tell_failure(self, name: str, error: Exception, tell: Sink) -> None:
+        self.failures[name] = error
+        if isinstance(error, UserError):
+            reason = "; ".join(str(error).splitlines())
+        else:
+            reason = f"ended by a fault of swarmloc ({type(error).__name__}: {error})"
+        tell(Health(self._clock(), name, False, reason, {}))
+
+    def _localize(self) -> None:
+        try:
+            ended = False
+            while not ended:
+                message = self._queue.take(_POLL_S)
+                if message is not None:
+                    self._handle(message)
+                else:
+                    ended = self._ended.is_set()
+                self._report()
+            for estimate in self._localizer.finish():
+                self._deliver(estimate)
+        except Exception as error:
+            # Raised again by whoever reads `failures`, in a thread that can tell the user.
+            self.failures[NAME] = error
+            self.stop.set()
+
+    def _handle(self, message: Message) -> None:
+        self._counts["messages"] += 1
+        self._deliver(message)
+        if not isinstance(message, Scan | Positions | Bearings | Displacement):
+            return
+        start = time.perf_counter()
+        estimates = self._localizer.handle(message)
+        self._busy_s += time.perf_counter() - start
+        self._counts["estimates"] += len(estimates)
+        for estimate in estimates:
+            self._deliver(estimate)
+            if self._truth is not None:
+                self._deliver(self._truth(estimate.time))
+
+    def _deliver(self, message: Message) -> None:
+        for name, sink in list(self._sinks.items()):
+            try:
+                sink(message)
+            except Exception as error:
+                # A full disk ends the recording, not the run.
+                del self._sinks[name]
+                self._tell_failure(name, error, self._deliver)
+
+    def _report(self) -> None:
+        """Tell how the localizer itself does, once a second."""
+        now = self._clock()
+        if now < self._next_health:
+            return
+        self._next_health += HEALTH_S
+        self._counts["dropped"] = self._queue.dropped
+        self._counts["late"] = self._localizer.dropped
+        self._counts["busy_ms"] = round(1000.0 * self._busy_s)
+        change = {name: count - self._reported[name] for name, count in self._counts.items()}
+        self._reported = dict(self._counts)
+        dropped, updates = change["dropped"], change["estimates"]
+        reason = f"{updates} updates/s, {change['busy_ms'] / max(1, updates):.1f} ms each"
+        if dropped:
+            reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
+            reason += "sensors (--sensors lidar)"
+        self._deliver(Health(now, NAME, not dropped, reason, dict(self._counts)))
