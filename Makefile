@@ -1,0 +1,45 @@
+# Every target sets up what it needs, on a machine that has Python 3.11 and nothing else.
+#
+#   make run                       a simulated swarm, until Ctrl-C
+#   make run SECONDS=20            ... for 20 seconds
+#   make run SCENARIO=swarm20      ... with 20 robots
+#   make test                      every test
+#   make lint                      ruff and mypy
+#   make bench                     speed beside other software
+#   make test-lowest               every test, with the oldest dependencies allowed
+#
+# PYTHON=/path/to/python chooses the interpreter.
+
+SCENARIO ?= arena4
+BIN := .venv/bin
+
+.PHONY: run test lint bench test-lowest clean
+
+run: .venv/ready-run
+	$(BIN)/swarmloc run --simulate $(SCENARIO) $(if $(SECONDS),--seconds $(SECONDS))
+
+test: .venv/ready-test
+	$(BIN)/python -m pytest -q
+
+lint: .venv/ready-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check host tests tools
+	$(BIN)/mypy
+
+bench: .venv/ready-bench
+	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
+
+test-lowest: .venv-lowest/ready-test
+	.venv-lowest/bin/python -m pytest -q
+
+.venv/ready-run: pyproject.toml tools/setup
+	@PYTHON="$(PYTHON)" tools/setup .venv
+
+.venv/ready-%: pyproject.toml tools/setup
+	@PYTHON="$(PYTHON)" tools/setup .venv $*
+
+.venv-lowest/ready-%: pyproject.toml tools/setup tools/lowest-versions.txt
+	@PYTHON="$(PYTHON)" tools/setup .venv-lowest $* tools/lowest-versions.txt
+
+clean:
+	rm -rf .venv .venv-lowest build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
