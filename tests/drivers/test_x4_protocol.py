@@ -2,7 +2,7 @@
 
 import csv
 import math
-import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -364,17 +364,8 @@ def test_replies_as_their_bytes_and_among_packets() -> None:
     assert commands.HEALTH != commands.HEALTH_OF_SDK
 
 
-def data_folder() -> Path:
-    root = os.environ.get("SWARMLOC_DATA")
-    if root and (Path(root) / "x4_cones").is_dir():
-        return Path(root) / "x4_cones"
-    if os.environ.get("CI") == "true":
-        pytest.fail("SWARMLOC_DATA must name the folder of recorded data here")
-    pytest.skip("SWARMLOC_DATA names no folder with x4_cones")
-
-
-def test_recorded_scans_survive_the_wire() -> None:
-    files = sorted(data_folder().glob("*.csv"))
+def test_recorded_scans_survive_the_wire(recorded: Callable[[str], Path]) -> None:
+    files = sorted(recorded("x4_cones").glob("*.csv"))
     assert files
     turns, errors = 0, []
     for file in files:

@@ -1,8 +1,5 @@
 """The reader and the scoring rule on the dataset as recorded."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,13 +10,8 @@ from host.recording import mrclam
 
 
 @pytest.fixture(scope="module")
-def dataset():
-    root = os.environ.get("SWARMLOC_DATA")
-    if not root and os.environ.get("CI") == "true":
-        pytest.fail("SWARMLOC_DATA must name the folder of recorded data in CI")
-    if not root:
-        pytest.skip("SWARMLOC_DATA does not name the folder of recorded data")
-    return mrclam.load(Path(root) / "mrclam6")
+def dataset(recorded):
+    return mrclam.load(recorded("mrclam6"))
 
 
 class Silent:
