@@ -27,19 +27,20 @@ def carry(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> 
     clockwise by dpsi, so targets turn by R(dpsi)^T; a heading error moves them across the ray.
     """
     c, s = math.cos(motion.dpsi), math.sin(motion.dpsi)
-    x, y, pxx, pxy, pyy = rows[: PYY + 1]
-    ux, uy = x - motion.dx, y - motion.dy
-    x, y = c * ux + s * uy, c * uy - s * ux
-    cs, cc, ss = c * s, c * c, s * s
-    added = motion.translation_variance + noise
-    across = motion.heading_variance
-    twice = 2.0 * cs * pxy
-    rows[PXX], rows[PXY], rows[PYY] = (
-        cc * pxx + ss * pyy + twice + added + across * y * y,
-        cs * (pyy - pxx) + (cc - ss) * pxy - across * x * y,
-        ss * pxx + cc * pyy - twice + added + across * x * x,
+    flat = rows.reshape(ROWS, -1)
+    offset = flat[: Y + 1] - np.array([[motion.dx], [motion.dy]])
+    flat[: Y + 1] = np.array([[c, s], [-s, c]]) @ offset
+    # R^T P R, of the three entries of P.
+    flat[PXX : PYY + 1] = (
+        np.array(
+            [[c * c, 2 * c * s, s * s], [-c * s, c * c - s * s, c * s], [s * s, -2 * c * s, c * c]]
+        )
+        @ flat[PXX : PYY + 1]
     )
-    rows[X], rows[Y] = x, y
+    x, y = rows[X], rows[Y]
+    rows[PXX] += motion.translation_variance + noise + motion.heading_variance * y * y
+    rows[PXY] -= motion.heading_variance * x * y
+    rows[PYY] += motion.translation_variance + noise + motion.heading_variance * x * x
 
 
 def near(
@@ -72,24 +73,21 @@ def update_by_positions(
 ) -> tuple[FloatArray, FloatArray]:
     """Kalman updates by position readings, H = I (eq. 13, 14, 16).
 
-    prior (ROWS, ..., p), its readings (p, 2) and their noise (3, ..., p): xx, xy, yy in m².
-    Returns the updated rows, weights untouched, and N(innovation; 0, S) (..., p) in 1/m².
+    prior (ROWS, ..., p), their readings (2, ..., p) m and the readings' noise (3, ..., p): xx, xy,
+    yy in m². Returns the updated rows, weights untouched, and N(innovation; 0, S) (..., p), 1/m².
+    For 2x2 matrices P - P S^-1 P = (|R| P + |P| R) / |S|, which needs no cancelling difference.
     """
-    x, y, pxx, pxy, pyy = prior[: PYY + 1]
-    dx, dy = positions[:, 0] - x, positions[:, 1] - y
-    sxx, sxy, syy = pxx + noise[0], pxy + noise[1], pyy + noise[2]
-    determinant = sxx * syy - sxy * sxy
-    inverse = 1.0 / determinant
+    p, r = prior[PXX : PYY + 1], noise
+    sxx, sxy, syy = p + r
+    inverse = 1.0 / (sxx * syy - sxy * sxy)
+    dx, dy = positions - prior[: Y + 1]
     ax, ay = (syy * dx - sxy * dy) * inverse, (sxx * dy - sxy * dx) * inverse
-    # S^-1 P, for P' = P - P S^-1 P.
-    bxx, bxy = (syy * pxx - sxy * pxy) * inverse, (syy * pxy - sxy * pyy) * inverse
-    byx, byy = (sxx * pxy - sxy * pxx) * inverse, (sxx * pyy - sxy * pxy) * inverse
     updated = np.empty_like(prior)
-    updated[X] = x + pxx * ax + pxy * ay
-    updated[Y] = y + pxy * ax + pyy * ay
-    updated[PXX] = pxx - pxx * bxx - pxy * byx
-    updated[PXY] = pxy - pxx * bxy - pxy * byy
-    updated[PYY] = pyy - pxy * bxy - pyy * byy
+    updated[X] = prior[X] + p[0] * ax + p[1] * ay
+    updated[Y] = prior[Y] + p[1] * ax + p[2] * ay
+    from_prior = (r[0] * r[2] - r[1] * r[1]) * inverse
+    from_reading = (p[0] * p[2] - p[1] * p[1]) * inverse
+    updated[PXX : PYY + 1] = from_prior * p + from_reading * r
     updated[WEIGHT] = prior[WEIGHT]
     likelihood = np.exp(-0.5 * (dx * ax + dy * ay)) * np.sqrt(inverse) * (0.5 / math.pi)
     return updated, likelihood
@@ -128,30 +126,35 @@ def update_by_bearings(
     innovation, variance = innovations[i, j], spread[i] + measured.variances[j]
     likelihood = np.exp(-0.5 * innovation * innovation / variance)
     likelihood /= np.sqrt(2.0 * math.pi * variance)
-    updated = rows[:, i]
+    updated = rows.take(i, axis=1)
     px, py = gx[i], gy[i]
     kx, ky = px / variance, py / variance
     updated[: PYY + 1] += (kx * innovation, ky * innovation, -kx * px, -kx * py, -ky * py)
     return BearingPairs(i, j, likelihood, updated)
 
 
-def match_moments(rows: FloatArray, into: IntArray, about: FloatArray) -> FloatArray:
-    """Merge components (ROWS, N) into `size` ones with the same weight, mean and covariance.
+def match_moments(rows: FloatArray, first: IntArray, about: FloatArray) -> FloatArray:
+    """Merge runs of components (ROWS, ..., N) into one each of the same weight, mean, covariance.
 
-    into (N,): the component each goes to. about (2, size) m: a point near each of those, about
-    which the moments are taken, so that nothing is lost to cancellation. Weights must be > 0.
+    first (k,): where in the last axis each run begins. about (2, ..., N) m: a point near each
+    component, the same within a run, about which moments are taken so that nothing is lost to
+    cancellation. Weights must be > 0.
     """
-    size = about.shape[1]
     share = rows[WEIGHT]
-    dx, dy = rows[X] - about[X, into], rows[Y] - about[Y, into]
-    sx, sy = share * dx, share * dy
-    total = np.bincount(into, share, size)
-    inverse = 1.0 / total
-    mx, my = np.bincount(into, sx, size) * inverse, np.bincount(into, sy, size) * inverse
-    merged = np.empty((ROWS, size))
-    merged[X], merged[Y] = about[X] + mx, about[Y] + my
-    merged[PXX] = np.bincount(into, share * rows[PXX] + sx * dx, size) * inverse - mx * mx
-    merged[PXY] = np.bincount(into, share * rows[PXY] + sx * dy, size) * inverse - mx * my
-    merged[PYY] = np.bincount(into, share * rows[PYY] + sy * dy, size) * inverse - my * my
-    merged[WEIGHT] = total
+    offset = rows[: Y + 1] - about
+    weighted = share * offset
+    sums = np.empty_like(rows)
+    sums[: Y + 1] = weighted
+    sums[PXX : PYY + 1] = share * rows[PXX : PYY + 1]
+    sums[PXX] += weighted[X] * offset[X]
+    sums[PXY] += weighted[X] * offset[Y]
+    sums[PYY] += weighted[Y] * offset[Y]
+    sums[WEIGHT] = share
+    merged = np.add.reduceat(sums, first, axis=-1)
+    merged[:WEIGHT] /= merged[WEIGHT]
+    x, y = merged[X], merged[Y]
+    merged[PXX] -= x * x
+    merged[PXY] -= x * y
+    merged[PYY] -= y * y
+    merged[: Y + 1] += about.take(first, axis=-1)
     return merged

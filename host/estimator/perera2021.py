@@ -85,10 +85,10 @@ class Perera2021Filter:
                 detected *= _interference(bearing, measurement.clearance)
             n, m = rows.shape[1], len(measurement.positions)
             i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
-            positions = measurement.positions[j]
+            positions = measurement.positions[j].T
             lidar_noise = _LIDAR_VARIANCE_M2 * np.array([[1.0], [0.0], [1.0]])
-            updated, _ = update_by_positions(rows[:, i], positions, lidar_noise)
-            density = _position_density(rows[:, i], positions)
+            updated, _ = update_by_positions(rows.take(i, axis=1), positions, lidar_noise)
+            density = _position_density(rows.take(i, axis=1), positions)
         else:
             m = len(measurement.bearings)
             detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
@@ -96,7 +96,9 @@ class Perera2021Filter:
             as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
             pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
             i, j, updated = pairs.component, pairs.reading, pairs.updated
-            density = _bearing_density(rows[:, i], measurement.bearings[j], measurement.origin)
+            density = _bearing_density(
+                rows.take(i, axis=1), measurement.bearings[j], measurement.origin
+            )
         detected = np.clip(detected, 0.0, 0.98)
         updated[WEIGHT] *= detected[i] * density
         total = np.bincount(j, updated[WEIGHT], m)
@@ -111,7 +113,7 @@ class Perera2021Filter:
         keep = np.flatnonzero(rows[WEIGHT] > _PRUNE_WEIGHT)
         if len(keep) > _CAPACITY:
             keep = keep[np.argsort(-rows[WEIGHT, keep], kind="stable")[:_CAPACITY]]
-        self._rows, self._seen = rows[:, keep], seen[keep]
+        self._rows, self._seen = rows.take(keep, axis=1), seen[keep]
 
     def _blind(self, bearing: FloatArray) -> FloatArray:
         """Eq. 20: the pillars of the camera holder."""
@@ -129,7 +131,7 @@ class Perera2021Filter:
     def estimate(self) -> Estimate:
         """Every component heavier than 0.1 (ch. 6); labels are their places in the mixture."""
         index = np.flatnonzero(self._rows[WEIGHT] > _REPORT_WEIGHT)
-        rows = self._rows[:, index]
+        rows = self._rows.take(index, axis=1)
         return Estimate(
             time=self._time,
             positions=rows[[X, Y]].T,
@@ -151,9 +153,9 @@ def _interference(bearing: FloatArray, clearance: FloatArray) -> FloatArray:
 
 
 def _position_density(rows: FloatArray, positions: FloatArray) -> FloatArray:
-    """N(l; m, p) of eq. 15 for pairs (ROWS, p), (p, 2): with the component's own covariance."""
+    """N(l; m, p) of eq. 15 for pairs (ROWS, p), (2, p): with the component's own covariance."""
     x, y, pxx, pxy, pyy = rows[: PYY + 1]
-    dx, dy = positions[:, 0] - x, positions[:, 1] - y
+    dx, dy = positions[0] - x, positions[1] - y
     determinant = pxx * pyy - pxy * pxy
     square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / determinant
     return np.asarray(np.exp(-0.5 * square) / (2.0 * math.pi * np.sqrt(determinant)))

@@ -29,8 +29,12 @@ from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
 TEAMMATE, OBSTACLE = 0, 1
-SEEN, CONFIRMED, LABEL = range(3)  # tags: s of the last reading, whether reported, a number
+_MIXTURE = slice(0, 2 * ROWS)  # of the state: the rows of both kinds, as (ROWS, 2, n)
+# Then s of the last reading, 1 if reported, a number to know it by, index of the parent.
+SEEN, CONFIRMED, LABEL, PARENT = range(2 * ROWS, 2 * ROWS + 4)
+_STATE = 2 * ROWS + 4
 _FADE_S = 1.0  # mean survival beyond the survival range
+_WEIGHTLESS = 1e-12  # keeps the moments of a ruled-out kind finite
 _BELIEVED = 0.5  # from this weight on a component can hide another
 _STANDING = 0.5  # share of the time in which a teammate does not move
 _LEAST_SHARE = 0.01  # neither kind is ever ruled out: a standing robot drives off again
@@ -49,75 +53,84 @@ class PhdFilter:
         self._lidar = LidarModel(lidar or Lidar())
         self._camera = CameraModel(camera or Camera())
         self._width = (lidar or Lidar()).target_diameter_m
-        self._rows = np.zeros((ROWS, 2, 0))
-        self._tags = np.zeros((3, 0))
+        self._state = np.zeros((_STATE, 0))
         self._time = 0.0
         self._next_label = 1
+
+    @property
+    def _rows(self) -> FloatArray:
+        """The mixture (ROWS, 2, n), a view: by quantity, kind and component."""
+        return _rows_of(self._state)
 
     def predict(self, motion: Displacement) -> None:
         """Eq. 7–10 repaired: carry, spread teammates (not obstacles), fade what is far."""
         rows, settings, dt = self._rows, self._settings, motion.interval
         self._time = motion.time
-        spread = np.array([[settings.motion_noise_m**2 * dt], [0.0]])
-        carry(rows, motion, spread)
-        x, y = rows[X, TEAMMATE], rows[Y, TEAMMATE]
-        far = x * x + y * y > settings.survival_range_m**2
+        carry(rows, motion, np.array([[settings.motion_noise_m**2 * dt], [0.0]]))
+        far = np.hypot(rows[X, TEAMMATE], rows[Y, TEAMMATE]) > settings.survival_range_m
         rows[WEIGHT] *= np.exp(-dt / settings.survival_s - far * (dt / _FADE_S))
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Eq. 6 with clutter; lidar positions or camera bearings, in any order."""
         if isinstance(measurement, Positions):
             self._update_positions(measurement)
-        elif self._rows.shape[2]:
+        elif self._state.shape[1]:
             self._update_bearings(measurement)
 
     def _update_positions(self, measured: Positions) -> None:
-        rows, tags, settings = self._rows, self._tags, self._settings
-        n, m = rows.shape[2], len(measured.positions)
+        state, rows, settings = self._state, self._rows, self._settings
+        n, m = state.shape[1], len(measured.positions)
         bearing, distance, clearance = self._surroundings(measured.clearance)
         detected = self._lidar.detection(
             bearing, distance, clearance, measured.clearance is not None
         )
         i, j = near(rows[:, TEAMMATE], measured.positions, measured.covariances, settings.gate)
-        noise = measured.covariances.reshape(-1, 4).T[[0, 1, 3]]
+        born = self._born(measured)
+        noise = _rows_of(born)[PXX:WEIGHT]
+        if measured.lags is not None:
+            noise = noise.copy()
+            noise[::2, TEAMMATE] += settings.motion_noise_m**2 * measured.lags
+        prior = state.take(i, axis=1)
         updated, likelihood = update_by_positions(
-            rows[:, :, i], measured.positions[j], self._with_lag(noise, measured.lags)[:, :, j]
+            _rows_of(prior), measured.positions.take(j, axis=0).T[:, None], noise.take(j, axis=2)
         )
         # A teammate may stand still; an obstacle never moves.
         likelihood[TEAMMATE] += _STANDING * (likelihood[OBSTACLE] - likelihood[TEAMMATE])
         updated[WEIGHT] *= detected[i] * likelihood
-        mass = updated[WEIGHT].sum(axis=0)
-        total = np.bincount(j, mass, m) + (self._lidar.clutter + settings.birth_per_m2)
-        updated[WEIGHT] /= total[j]
-        born = np.empty((ROWS, 2, m))
-        born[X], born[Y] = measured.positions.T
-        born[PXX:WEIGHT] = noise[:, None]
-        share = settings.obstacle_share
-        born[WEIGHT] = np.array([[1.0 - share], [share]]) * (settings.birth_per_m2 / total)
+        mass = updated[WEIGHT, TEAMMATE] + updated[WEIGHT, OBSTACLE]
+        share = 1.0 / (np.bincount(j, mass, m) + (self._lidar.clutter + settings.birth_per_m2))
+        mass *= share[j]
+        updated[WEIGHT] *= share[j]
+        _rows_of(born)[WEIGHT] *= share
+        prior[_MIXTURE] = updated.reshape(2 * ROWS, -1)
+        prior[SEEN], prior[PARENT] = measured.time, i
         rows[WEIGHT] *= 1.0 - detected
+        state[PARENT] = np.arange(n)
 
         # One group a reading. What was missed joins that of its likeliest reading, unless that
         # reading is hardly its own.
-        weight = rows[WEIGHT].sum(axis=0)
-        mass /= total[j]
-        home = m + np.arange(n)
+        left = rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE]
+        home = np.arange(m, m + n)
         order = mass.argsort()
-        order = order[mass[order] > 0.1 * weight[i[order]]]
+        order = order[mass[order] > 0.1 * left[i[order]]]
         home[i[order]] = j[order]
-        seen = np.full(m, measured.time)
-        self._replace(
-            np.concatenate((rows, updated, born), axis=2),
+        self._merge(
+            np.concatenate((state, prior, born), axis=1),
             np.concatenate((home, j, np.arange(m))),
-            np.concatenate((np.arange(n), i, np.full(m, n))),
-            np.concatenate((tags[SEEN], seen[j], seen)),
         )
+        self._inherit(n)
 
-    def _with_lag(self, noise: FloatArray, lags: FloatArray | None) -> FloatArray:
-        """Noise (3, 2, m) by kind: a teammate has moved on since the reading was made."""
-        both = np.stack((noise, noise), axis=1)
-        if lags is not None:
-            both[::2, TEAMMATE] += self._settings.motion_noise_m**2 * lags
-        return both
+    def _born(self, measured: Positions) -> FloatArray:
+        """A component at each reading, of the intensity of birth: state (_STATE, m)."""
+        born = np.zeros((_STATE, len(measured.positions)))
+        rows = _rows_of(born)
+        rows[X], rows[Y] = measured.positions.T
+        rows[PXX:WEIGHT] = measured.covariances.reshape(-1, 4).T[[0, 1, 3], None]
+        settings = self._settings
+        rows[WEIGHT, TEAMMATE] = settings.birth_per_m2 * (1.0 - settings.obstacle_share)
+        rows[WEIGHT, OBSTACLE] = settings.birth_per_m2 * settings.obstacle_share
+        born[SEEN], born[PARENT] = measured.time, self._state.shape[1]
+        return born
 
     def _update_bearings(self, measured: Bearings) -> None:
         """The cameras: Bayes' rule for the kind of each component, and where it stands.
@@ -136,111 +149,107 @@ class PhdFilter:
         mass = support * prior[WEIGHT, i]
         # Blobs beyond what is expected come from teammates that the lidar has not shown yet.
         unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / (2.0 * np.pi)
-        clutter = self._camera.clutter + unknown
-        others = np.bincount(j, mass, m)[j] - mass + clutter
+        others = np.bincount(j, mass, m)[j] - mass + self._camera.clutter + unknown
         family = np.concatenate((prior, pairs.updated), axis=1)
         family[WEIGHT, :n] *= 1.0 - detected
         family[WEIGHT, n:] *= support / others
+        parent = np.concatenate((np.arange(n), i))
+        order = parent.argsort(kind="stable")
         total = rows[WEIGHT].sum(axis=0)
         rows[:, TEAMMATE] = match_moments(
-            family, np.concatenate((np.arange(n), i)), prior[: Y + 1].copy()
+            family.take(order, axis=1),
+            np.searchsorted(parent[order], np.arange(n)),
+            prior[: Y + 1].take(parent[order], axis=1),
         )
         rows[WEIGHT] *= total / rows[WEIGHT].sum(axis=0)
-        self._tags[SEEN, i[support > others]] = measured.time
+        self._state[SEEN, i[support > others]] = measured.time
         self._confirm()
 
     def _surroundings(
         self, clearance: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Bearing and distance of each component, and how far one sees in every sector."""
-        x, y = self._rows[X, TEAMMATE], self._rows[Y, TEAMMATE]
-        bearing, distance = np.arctan2(y, x), np.sqrt(x * x + y * y)
+        rows = self._rows
+        x, y = rows[X, TEAMMATE], rows[Y, TEAMMATE]
+        bearing, distance = np.arctan2(y, x), np.hypot(x, y)
         if clearance is None:
-            believed = self._rows[WEIGHT].sum(axis=0) > _BELIEVED
+            believed = rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE] > _BELIEVED
             clearance = clearance_of(bearing, distance, believed, self._width)
         return bearing, distance, clearance
 
-    def _replace(
-        self, rows: FloatArray, group: IntArray, parent: IntArray, seen: FloatArray
-    ) -> None:
-        """Merge each group into its heaviest, prune, and keep the tags with the heaviest heir.
+    def _merge(self, state: FloatArray, group: IntArray) -> None:
+        """Merge each group (N,) of state (_STATE, N) into its heaviest, cap and prune.
 
-        rows (ROWS, 2, N); group (N,); parent (N,): index of the old component, or n for a birth.
-        Members further from the heaviest than merge_distance stay by themselves.
+        Members further from the heaviest than merge_distance (squared Mahalanobis distance, in
+        the sum of both covariances) stay by themselves.
         """
-        settings = self._settings
-        weight = rows[WEIGHT].sum(axis=0)
-        keep = (weight > settings.prune_weight).nonzero()[0]
-        if len(keep) > settings.capacity:
-            keep = keep[np.sort(np.argsort(-weight[keep], kind="stable")[: settings.capacity])]
-        rows, group, parent, seen = rows[:, :, keep], group[keep], parent[keep], seen[keep]
-        order = weight[keep].argsort()
-        into, leader = _gather(rows[:, TEAMMATE], group, order, settings.merge_distance)
-        size = len(leader)
-        both = np.concatenate((into, into + size))
-        about = rows[: Y + 1, :, leader].reshape(2, 2 * size)
-        rows[WEIGHT] += 1e-12
-        merged = match_moments(rows.reshape(ROWS, -1), both, about).reshape(ROWS, 2, size)
-        total = merged[WEIGHT].sum(axis=0)
-        # Two things cannot stand in one place.
-        merged[WEIGHT] /= np.maximum(total, 1.0)
+        rows = _rows_of(state)
+        rows[WEIGHT] += _WEIGHTLESS
+        weight = rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE]
+        order = np.lexsort((weight, group))
+        state, group = state.take(order, axis=1), group[order]
+        last = np.append(group[1:] != group[:-1], True).nonzero()[0]
+        leader = np.repeat(last, np.diff(last, prepend=-1))
+        x, y, pxx, pxy, pyy = _rows_of(state)[: PYY + 1, TEAMMATE]
+        dx, dy = x - x[leader], y - y[leader]
+        sxx, sxy, syy = pxx + pxx[leader], pxy + pxy[leader], pyy + pyy[leader]
+        square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+        far = square > self._settings.merge_distance * (sxx * syy - sxy * sxy)
+        close = (~far).nonzero()[0]
+        rows = _rows_of(state)
+        first = np.searchsorted(group[close], group[last])
+        merged = state.take(last, axis=1)
+        merged[_MIXTURE] = match_moments(
+            rows.take(close, axis=2), first, rows[: Y + 1].take(leader[close], axis=2)
+        ).reshape(2 * ROWS, -1)
+        if len(close) < len(group):
+            merged = np.concatenate((merged, state.compress(far, axis=1)), axis=1)
+        weights = _rows_of(merged)[WEIGHT]
+        total = weights[TEAMMATE] + weights[OBSTACLE]
+        weights /= np.maximum(total, 1.0)  # two things cannot stand in one place
+        keep = (total > self._settings.prune_weight).nonzero()[0]
+        if len(keep) > self._settings.capacity:
+            keep = np.argsort(-total, kind="stable")[: self._settings.capacity]
+        self._state = merged.take(keep, axis=1)
 
-        parent = parent[leader]
-        tags = np.concatenate((self._tags, np.zeros((3, 1))), axis=1)[:, parent]
-        tags[SEEN] = seen[leader]
-        heir = np.empty(self._tags.shape[1] + 1, dtype=np.int64)
-        order = total.argsort()
+    def _inherit(self, parents: int) -> None:
+        """Give label and memory of each parent to its heaviest heir; a new label to the others."""
+        state, weights = self._state, self._rows[WEIGHT]
+        parent = state[PARENT].astype(np.int64)
+        order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
+        heir = np.empty(parents + 1, dtype=np.int64)
         heir[parent[order]] = order
-        heir[-1] = -1
-        new = (heir[parent] != np.arange(size)).nonzero()[0]
-        tags[CONFIRMED, new] = 0.0
-        tags[LABEL, new] = self._next_label + np.arange(len(new))
+        heir[parents] = -1
+        new = (heir[parent] != np.arange(len(parent))).nonzero()[0]
+        state[CONFIRMED, new] = 0.0
+        state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
         self._next_label += len(new)
-        self._rows, self._tags = merged, tags
         self._confirm()
 
     def _confirm(self) -> None:
         """Report from report_weight on, until below forget_weight; rule no kind out."""
         settings, weight = self._settings, self._rows[WEIGHT]
-        np.maximum(weight, _LEAST_SHARE * weight.sum(axis=0), out=weight)
-        confirmed = self._tags[CONFIRMED]
+        np.maximum(weight, _LEAST_SHARE * (weight[TEAMMATE] + weight[OBSTACLE]), out=weight)
         drop = settings.report_weight - settings.forget_weight
+        confirmed = self._state[CONFIRMED]
         confirmed[:] = weight[TEAMMATE] > settings.report_weight - drop * confirmed
 
     def estimate(self) -> Estimate:
-        """Teammates reported: once above report_weight, until below forget_weight."""
-        spread = self._rows[PXX, TEAMMATE] + self._rows[PYY, TEAMMATE]
-        known = spread < 2.0 * self._settings.report_sigma_m**2
-        index = (known * self._tags[CONFIRMED]).nonzero()[0]
-        rows, tags = self._rows[:, TEAMMATE, index], self._tags[:, index]
+        """Teammates reported: once above report_weight, until below forget_weight or lost."""
+        rows, state = self._rows[:, TEAMMATE], self._state
+        known = rows[PXX] + rows[PYY] < 2.0 * self._settings.report_sigma_m**2
+        index = (known * state[CONFIRMED]).nonzero()[0]
+        rows, state = rows.take(index, axis=1), state.take(index, axis=1)
         return Estimate(
             time=self._time,
-            positions=rows[[X, Y]].T,
+            positions=rows[: Y + 1].T,
             covariances=rows[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2),
             weights=rows[WEIGHT],
-            ages=self._time - tags[SEEN],
-            labels=tags[LABEL].astype(np.int64),
+            ages=self._time - state[SEEN],
+            labels=state[LABEL].astype(np.int64),
         )
 
 
-def _gather(
-    rows: FloatArray, group: IntArray, order: IntArray, limit: float
-) -> tuple[IntArray, IntArray]:
-    """Which component each of rows (ROWS, N) merges into, and the heaviest of each of those.
-
-    order (N,): by rising weight. A member further than `limit` (squared Mahalanobis distance, in
-    the sum of both covariances) from its group's heaviest stays by itself.
-    """
-    n = rows.shape[1]
-    heaviest = np.zeros(int(group.max(initial=-1)) + 1, dtype=np.int64)
-    heaviest[group[order]] = order
-    leader = heaviest[group]
-    x, y, pxx, pxy, pyy = rows[: PYY + 1]
-    dx, dy = x - x[leader], y - y[leader]
-    sxx, sxy, syy = pxx + pxx[leader], pxy + pxy[leader], pyy + pyy[leader]
-    square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-    itself = np.arange(n)
-    leader = np.where(square > limit * (sxx * syy - sxy * sxy), itself, leader)
-    kept = (leader == itself).nonzero()[0]
-    itself[kept] = np.arange(len(kept))
-    return itself[leader], kept
+def _rows_of(state: FloatArray) -> FloatArray:
+    # A view only of contiguous memory: so columns are picked by take, never by an index array.
+    return state[_MIXTURE].reshape(ROWS, 2, -1)

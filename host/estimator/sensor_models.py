@@ -17,6 +17,7 @@ _HIDDEN = 0.1  # behind something nearer
 _HIDDEN_STRIP = 0.2  # the cameras look over the lidar: a nearer teammate hides most of a strip
 _UNCLEAR = 0.85  # something is there, but it was not told apart
 _NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
+_RAYS = np.linspace(-1.0, 1.0, 7)
 _MARGIN_M = 0.12  # nearer by less than this does not hide
 
 
@@ -25,19 +26,17 @@ def clearance_of(
 ) -> FloatArray:
     """How far one sees past targets (n,) that are `width` m wide: (SECTORS,) m, inf in the open.
 
-    present (n,): targets that are believed in (bool). Serves where no scan tells it: for the
-    cameras, and for a lidar that only gives positions.
+    present (n,): targets that are believed in. Serves where no scan tells it: for the cameras,
+    and for a lidar that only gives positions.
     """
     clearance = np.full(SECTORS, math.inf)
-    index = np.flatnonzero(present)
-    if len(index):
-        half = np.arcsin(np.minimum(0.5 * width / np.maximum(distance[index], 0.5 * width), 1.0))
-        reach = (half * (SECTORS / (2.0 * math.pi))).astype(np.int64)
-        size = 2 * reach + 1
-        which = np.repeat(np.arange(len(index)), size)
-        step = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
-        place = (sector(bearing[index])[which] + step - reach[which]) % SECTORS
-        np.minimum.at(clearance, place, distance[index][which])
+    farthest_first = np.argsort(-distance)
+    index = farthest_first[present[farthest_first]]
+    near = distance[index]
+    # The nearest is written last. Seven rays leave no sector out beyond 0.6 m for a turret.
+    rays = bearing[index, None] + (0.5 * width / np.maximum(near, width))[:, None] * _RAYS
+    place = (rays * (SECTORS / math.tau) + 1.5 * SECTORS).astype(np.int64) % SECTORS
+    clearance[place] = near[:, None]
     return clearance
 
 
@@ -88,7 +87,7 @@ class LidarModel:
         if measured:
             factor[np.abs(seen - distance) <= _MARGIN_M] = _UNCLEAR
             factor[np.isinf(seen)] = 1.0 - _NULL_LOSS
-        return np.clip(probability * factor, _LEAST, _MOST)
+        return np.minimum(np.maximum(probability * factor, _LEAST), _MOST)
 
 
 class CameraModel:
@@ -110,4 +109,5 @@ class CameraModel:
             config.range_steepness_per_m,
         )
         hidden = clearance[sector(bearing)] < distance - _MARGIN_M
-        return np.clip(np.where(hidden, _HIDDEN_STRIP, 1.0) * probability, _LEAST, _MOST)
+        seen = probability * np.where(hidden, _HIDDEN_STRIP, 1.0)
+        return np.minimum(np.maximum(seen, _LEAST), _MOST)
