@@ -1,0 +1,82 @@
+"""The floors of ARCHITECTURE.md: a file imports its own room and rooms on floors below, no more."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FLOORS = {
+    "cli": 5,
+    "pipeline": 4,
+    "localizer": 3,
+    "calibration": 3,
+    "evaluation": 3,
+    "simulation": 3,
+    "drivers": 2,
+    "perception": 2,
+    "estimator": 2,
+    "recording": 2,
+    "viewer": 2,
+    "messages": 1,
+    "geometry": 1,
+    "config": 1,
+    "errors": 1,
+}
+GROUND = 1  # its files may import each other: errors ← config, messages ← geometry
+
+
+def module_of(file: Path) -> str:
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(file): file for file in sorted((ROOT / "host").rglob("*.py"))}
+
+
+def room(module: str) -> str:
+    return module.split(".")[1] if "." in module else ""
+
+
+def imports(module: str) -> dict[str, int]:
+    """Modules of the repository that `module` imports anywhere in it, and on which line."""
+    found = {}
+    package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, *([base] if base else [])])
+            submodules = [f"{base}.{alias.name}" for alias in node.names]
+            names = [name if name in MODULES else base for name in submodules]
+        else:
+            continue
+        for name in names:
+            if name.split(".")[0] in ("host", "tools", "tests"):
+                found[name] = node.lineno
+    return found
+
+
+@pytest.mark.parametrize("module", sorted(set(MODULES) - {"host"}))
+def test_a_file_imports_only_its_own_room_and_floors_below(module: str) -> None:
+    assert room(module) in FLOORS, f"{module}: on which floor is it? Say so here and in the docs"
+    floor = FLOORS[room(module)]
+    for name, line in imports(module).items():
+        where = f"{MODULES[module].relative_to(ROOT)}:{line} imports {name}"
+        assert name in MODULES, f"{where}, which is no module of the package"
+        if room(name) == room(module) or floor == FLOORS[room(name)] == GROUND:
+            continue
+        assert FLOORS[room(name)] < floor, f"{where}, which is not on a floor below"
+
+
+def test_no_file_imports_itself_by_a_detour() -> None:
+    graph = {module: list(imports(module)) for module in MODULES}
+    TopologicalSorter(graph).prepare()  # raises CycleError with the cycle
+
+
+def test_the_package_itself_is_empty_so_that_importing_one_room_loads_no_other() -> None:
+    assert not imports("host")

@@ -1,0 +1,164 @@
+"""robot.toml: the example says what the code says, and whatever is wrong is told by its line."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import annotated_types
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from host.config import BlindSector, RobotConfig, Section, load, parse
+from host.errors import UserError
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "robots" / "cherokey.toml"
+SECTIONS = {
+    name: field.annotation
+    for name, field in RobotConfig.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, Section)
+}
+
+
+def bounds() -> Iterator[tuple[str, str, float, float]]:
+    """Section, key, a value just out of range, and the bound it breaks."""
+    for section, model in {**SECTIONS, "lidar.blind_sectors": BlindSector}.items():
+        for key, field in model.model_fields.items():
+            step = 1 if field.annotation is int else 1e-6
+            for rule in field.metadata:
+                match rule:
+                    case annotated_types.Gt(gt=bound):
+                        yield section, key, bound, bound
+                    case annotated_types.Lt(lt=bound):
+                        yield section, key, bound, bound
+                    case annotated_types.Ge(ge=bound):
+                        yield section, key, bound - step, bound
+                    case annotated_types.Le(le=bound):
+                        yield section, key, bound + step, bound
+
+
+def complaint(text: str) -> str:
+    with pytest.raises(UserError) as caught:
+        parse(text, "my.toml")
+    return str(caught.value)
+
+
+def test_the_example_is_the_default() -> None:
+    example, default = parse(EXAMPLE.read_text()).model_dump(), RobotConfig().model_dump()
+    for section, values in default.items():
+        assert example[section] == values, f"change [{section}] in {EXAMPLE.name} with config.py"
+    assert load(EXAMPLE) == RobotConfig() == parse("")
+
+
+def test_the_example_shows_every_setting_and_explains_each() -> None:
+    example = tomllib.loads(EXAMPLE.read_text())
+    assert set(example) == set(RobotConfig.model_fields)
+    for section, model in SECTIONS.items():
+        assert set(example[section]) == set(model.model_fields), section
+    for line in EXAMPLE.read_text().splitlines():
+        if re.match(r"\w+ = ", line):
+            assert re.search(r"  # \S+", line), f"no word on: {line}"
+
+
+def test_a_robot_says_only_what_differs() -> None:
+    robot = parse('name = "five"\n[wheels]\ntrack_m = 0.2\n[lidar]\nblind_sectors = []\n')
+    assert (robot.name, robot.wheels.track_m, robot.lidar.blind_sectors) == ("five", 0.2, ())
+    assert robot.wheels.left_radius_m == RobotConfig().wheels.left_radius_m
+    assert robot.camera == RobotConfig().camera
+
+
+def test_a_configuration_does_not_change() -> None:
+    with pytest.raises(ValidationError):
+        RobotConfig().wheels.track_m = 1.0
+
+
+@pytest.mark.parametrize(("section", "key", "value", "bound"), list(bounds()))
+def test_out_of_range_names_key_line_and_bound(
+    section: str, key: str, value: float, bound: float
+) -> None:
+    header = f"[[{section}]]" if section == "lidar.blind_sectors" else f"[{section}]"
+    message = complaint(f"# a robot\n\n{header}\n{key} = {value!r}\n")
+    (line,) = [line for line in message.splitlines() if f"{key} = " in line]
+    assert line.startswith("line 4: " + section.partition(".")[0])
+    assert any(
+        float(number) == bound for number in re.findall(r"-?\d[\d.e-]*", line.split(": ")[-1])
+    )
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1979-05-27", "[1.0]", "{}", '"wide"'])
+def test_what_is_no_number_is_refused(value: str) -> None:
+    assert "line 2: wheels.track_m = " in complaint(f"[wheels]\ntrack_m = {value}")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "[wheels]\ntrack_cm = 14.4",
+            "line 2: wheels.track_cm: no such setting; the unit is wrong: write track_m",
+        ),
+        (
+            "[wheels]\n\ntrakc_m = 0.1",
+            "line 3: wheels.trakc_m: no such setting; did you mean track_m?",
+        ),
+        ("[filters]\ngate = 9.0", "line 1: filters: no such setting; did you mean filter?"),
+        ("zzz = 1", "line 1: zzz: no such setting; known here: name, wheels"),
+        ('[filter]\nprofile = "pdh"', "line 2: filter.profile = 'pdh'"),
+        ("wheels.track_cm = 14.4", "line 1: wheels.track_cm: no such setting; the unit is wrong"),
+    ],
+)
+def test_an_unknown_word_is_told_with_its_line_and_a_guess(text: str, words: str) -> None:
+    assert words in complaint(text)
+
+
+def test_the_line_is_that_of_the_right_block_among_several() -> None:
+    good = "[[lidar.blind_sectors]]\ncentre_rad = 0.1\nwidth_rad = 0.1\n"
+    message = complaint(
+        good + good.replace("0.1\nw", "9.0\nw") + "[board]\ncentre_rad = 1\n" + good
+    )
+    assert "line 5: lidar.blind_sectors.1.centre_rad = 9.0" in message
+    assert "line 8: board.centre_rad: no such setting" in message
+
+
+def test_every_mistake_is_told_at_once_up_to_five() -> None:
+    message = complaint("\n".join(f"{letter} = 1" for letter in "abcdefg"))
+    assert message.startswith("my.toml: 7 setting(s)")
+    assert len(message.splitlines()) == 6
+
+
+def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"cannot read .*absent\.toml") as caught:
+        load(tmp_path / "absent.toml")
+    assert "robots/cherokey.toml" in caught.value.next_step
+    (tmp_path / "binary.toml").write_bytes(b"name = '\xff'")
+    with pytest.raises(UserError, match=r"binary\.toml is not a text file\nbyte 8"):
+        load(tmp_path / "binary.toml")
+    assert re.search(r"my\.toml is not valid TOML\n.*line 2", complaint("\n[wheels\n"))
+
+
+names = st.sampled_from(
+    ["wheels", "track_m", "lidar", "blind_sectors", "centre_rad", "name", "port", "x", "'a b'", "1"]
+)
+keys = st.lists(names, min_size=1, max_size=3).map(".".join)
+values = st.sampled_from(
+    ["1", "-7", "0.1", "true", '"a"', "[]", "[1, {x = 2}]", "{x = 1}", '"""\nx\n"""']
+)
+lines = st.one_of(
+    keys.map("[{}]".format),
+    keys.map("[[{}]]".format),
+    st.tuples(keys, values).map(" = ".join),
+    st.text(max_size=8),
+)
+
+
+@given(st.lists(lines, max_size=6).map("\n".join))
+def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
+    told = ""
+    try:
+        parse(text)
+    except UserError as error:
+        told = str(error)
+    last = max(1, len(text.splitlines()))
+    assert all(1 <= int(line) <= last for line in re.findall(r"^line (\d+):", told, re.MULTILINE))
