@@ -96,11 +96,12 @@ class PhdFilter:
         )
         # A teammate may stand still; an obstacle never moves.
         likelihood[TEAMMATE] += _STANDING * (likelihood[OBSTACLE] - likelihood[TEAMMATE])
-        updated[WEIGHT] *= detected[i] * likelihood
+        updated[WEIGHT] *= detected.take(i) * likelihood
         mass = updated[WEIGHT, TEAMMATE] + updated[WEIGHT, OBSTACLE]
         share = 1.0 / (np.bincount(j, mass, m) + (self._lidar.clutter + settings.birth_per_m2))
-        mass *= share[j]
-        updated[WEIGHT] *= share[j]
+        scale = share.take(j)
+        mass *= scale
+        updated[WEIGHT] *= scale
         _rows_of(born)[WEIGHT] *= share
         prior[_MIXTURE] = updated.reshape(2 * ROWS, -1)
         prior[SEEN], prior[PARENT] = measured.time, i
@@ -112,8 +113,8 @@ class PhdFilter:
         left = rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE]
         home = np.arange(m, m + n)
         order = mass.argsort()
-        order = order[mass[order] > 0.1 * left[i[order]]]
-        home[i[order]] = j[order]
+        order = order[mass.take(order) > 0.1 * left.take(i.take(order))]
+        home[i.take(order)] = j.take(order)
         self._merge(
             np.concatenate((state, prior, born), axis=1),
             np.concatenate((home, j, np.arange(m))),
@@ -125,7 +126,7 @@ class PhdFilter:
         born = np.zeros((_STATE, len(measured.positions)))
         rows = _rows_of(born)
         rows[X], rows[Y] = measured.positions.T
-        rows[PXX:WEIGHT] = measured.covariances.reshape(-1, 4).T[[0, 1, 3], None]
+        rows[PXX:WEIGHT] = measured.covariances.reshape(-1, 4).T.take((0, 1, 3), axis=0)[:, None]
         settings = self._settings
         rows[WEIGHT, TEAMMATE] = settings.birth_per_m2 * (1.0 - settings.obstacle_share)
         rows[WEIGHT, OBSTACLE] = settings.birth_per_m2 * settings.obstacle_share
@@ -180,30 +181,31 @@ class PhdFilter:
     def _merge(self, state: FloatArray, group: IntArray) -> None:
         """Merge each group (N,) of state (_STATE, N) into its heaviest, cap and prune.
 
-        Members further from the heaviest than merge_distance (squared Mahalanobis distance, in
-        the sum of both covariances) stay by themselves.
+        Members whose squared distance from the heaviest is more than merge_distance times the mean
+        variance of both stay by themselves.
         """
         rows = _rows_of(state)
         rows[WEIGHT] += _WEIGHTLESS
-        weight = rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE]
-        order = np.lexsort((weight, group))
-        state, group = state.take(order, axis=1), group[order]
-        last = np.append(group[1:] != group[:-1], True).nonzero()[0]
-        leader = np.repeat(last, np.diff(last, prepend=-1))
-        x, y, pxx, pxy, pyy = _rows_of(state)[: PYY + 1, TEAMMATE]
-        dx, dy = x - x[leader], y - y[leader]
-        sxx, sxy, syy = pxx + pxx[leader], pxy + pxy[leader], pyy + pyy[leader]
-        square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-        far = square > self._settings.merge_distance * (sxx * syy - sxy * sxy)
-        close = (~far).nonzero()[0]
+        order = np.lexsort((rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE], group))
+        state, group = state.take(order, axis=1), group.take(order)
         rows = _rows_of(state)
-        first = np.searchsorted(group[close], group[last])
+        ends = np.ones(len(group), dtype=bool)
+        ends[:-1] = group[1:] != group[:-1]
+        last = ends.nonzero()[0]
+        run = ends.cumsum() - ends
+        leader = last.take(run)
+        about = rows[: Y + 1].take(leader, axis=2)
+        dx, dy = rows[: Y + 1, TEAMMATE] - about[:, TEAMMATE]
+        spread = rows[PXX, TEAMMATE] + rows[PYY, TEAMMATE]
+        near_by = 0.5 * self._settings.merge_distance * (spread + spread.take(leader))
+        far = dx * dx + dy * dy > near_by
         merged = state.take(last, axis=1)
-        merged[_MIXTURE] = match_moments(
-            rows.take(close, axis=2), first, rows[: Y + 1].take(leader[close], axis=2)
-        ).reshape(2 * ROWS, -1)
-        if len(close) < len(group):
+        if far.any():
+            close = (~far).nonzero()[0]
             merged = np.concatenate((merged, state.compress(far, axis=1)), axis=1)
+            rows, about, run = rows.take(close, axis=2), about.take(close, axis=2), run.take(close)
+        first = run.searchsorted(np.arange(len(last)))
+        merged[_MIXTURE, : len(last)] = match_moments(rows, first, about).reshape(2 * ROWS, -1)
         weights = _rows_of(merged)[WEIGHT]
         total = weights[TEAMMATE] + weights[OBSTACLE]
         weights /= np.maximum(total, 1.0)  # two things cannot stand in one place
@@ -213,14 +215,14 @@ class PhdFilter:
         self._state = merged.take(keep, axis=1)
 
     def _inherit(self, parents: int) -> None:
-        """Give label and memory of each parent to its heaviest heir; a new label to the others."""
+        """Leave label and memory of each parent to its heaviest heir; the others start afresh."""
         state, weights = self._state, self._rows[WEIGHT]
         parent = state[PARENT].astype(np.int64)
         order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
         heir = np.empty(parents + 1, dtype=np.int64)
-        heir[parent[order]] = order
+        heir[parent.take(order)] = order
         heir[parents] = -1
-        new = (heir[parent] != np.arange(len(parent))).nonzero()[0]
+        new = (heir.take(parent) != np.arange(len(parent))).nonzero()[0]
         state[CONFIRMED, new] = 0.0
         state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
         self._next_label += len(new)

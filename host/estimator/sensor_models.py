@@ -78,12 +78,11 @@ class LidarModel:
         if len(self._centres):
             offset = wrap(bearing[:, None] - self._centres) / self._widths
             probability *= np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1)
-        outside = (distance < config.min_range_m) | (
-            np.abs(bearing) > 0.5 * config.field_of_view_rad
-        )
         seen = clearance[sector(bearing)]
         factor = np.where(seen < distance - _MARGIN_M, _HIDDEN, 1.0)
-        factor[outside] = 0.0
+        if config.field_of_view_rad < math.tau:
+            factor[np.abs(bearing) > 0.5 * config.field_of_view_rad] = 0.0
+        factor[distance < config.min_range_m] = 0.0
         if measured:
             factor[np.abs(seen - distance) <= _MARGIN_M] = _UNCLEAR
             factor[np.isinf(seen)] = 1.0 - _NULL_LOSS
