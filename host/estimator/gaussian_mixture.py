@@ -54,7 +54,7 @@ def near(
     n, m = rows.shape[1], len(positions)
     if not n or not m:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    noise = float((covariances[:, 0, 0] + covariances[:, 1, 1]).max())
+    noise = (covariances[:, 0, 0] + covariances[:, 1, 1]).max()
     reach = gate * (rows[PXX] + rows[PYY] + noise)
     if n * m <= _DENSE_PAIRS:
         dx = rows[X][:, None] - positions[:, 0]

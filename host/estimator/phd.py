@@ -218,14 +218,17 @@ class PhdFilter:
         """Leave label and memory of each parent to its heaviest heir; the others start afresh."""
         state, weights = self._state, self._rows[WEIGHT]
         parent = state[PARENT].astype(np.int64)
-        order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
-        heir = np.empty(parents + 1, dtype=np.int64)
-        heir[parent.take(order)] = order
-        heir[parents] = -1
-        new = (heir.take(parent) != np.arange(len(parent))).nonzero()[0]
-        state[CONFIRMED, new] = 0.0
-        state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
-        self._next_label += len(new)
+        new = parent == parents
+        if len(set(parent.tolist())) + np.count_nonzero(new) < len(parent) + new.any():
+            order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
+            heir = np.empty(parents + 1, dtype=np.int64)
+            heir[parent.take(order)] = order
+            new |= heir.take(parent) != np.arange(len(parent))
+        fresh = new.nonzero()[0]
+        if len(fresh):
+            state[CONFIRMED, fresh] = 0.0
+            state[LABEL, fresh] = np.arange(self._next_label, self._next_label + len(fresh))
+            self._next_label += len(fresh)
         self._confirm()
 
     def _confirm(self) -> None:
@@ -233,8 +236,8 @@ class PhdFilter:
         settings, weight = self._settings, self._rows[WEIGHT]
         np.maximum(weight, _LEAST_SHARE * (weight[TEAMMATE] + weight[OBSTACLE]), out=weight)
         drop = settings.report_weight - settings.forget_weight
-        confirmed = self._state[CONFIRMED]
-        confirmed[:] = weight[TEAMMATE] > settings.report_weight - drop * confirmed
+        needed = settings.report_weight - drop * self._state[CONFIRMED]
+        self._state[CONFIRMED] = weight[TEAMMATE] > needed
 
     def estimate(self) -> Estimate:
         """Teammates reported: once above report_weight, until below forget_weight or lost."""

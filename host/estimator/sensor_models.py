@@ -30,11 +30,11 @@ def clearance_of(
     and for a lidar that only gives positions.
     """
     clearance = np.full(SECTORS, math.inf)
-    farthest_first = np.argsort(-distance)
-    index = farthest_first[present[farthest_first]]
-    near = distance[index]
+    farthest_first = (-distance).argsort()
+    index = farthest_first[present.take(farthest_first)]
+    near = distance.take(index)
     # The nearest is written last. Seven rays leave no sector out beyond 0.6 m for a turret.
-    rays = bearing[index, None] + (0.5 * width / np.maximum(near, width))[:, None] * _RAYS
+    rays = bearing.take(index)[:, None] + (0.5 * width / np.maximum(near, width))[:, None] * _RAYS
     place = (rays * (SECTORS / math.tau) + 1.5 * SECTORS).astype(np.int64) % SECTORS
     clearance[place] = near[:, None]
     return clearance
@@ -78,15 +78,16 @@ class LidarModel:
         if len(self._centres):
             offset = wrap(bearing[:, None] - self._centres) / self._widths
             probability *= np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1)
-        seen = clearance[sector(bearing)]
-        factor = np.where(seen < distance - _MARGIN_M, _HIDDEN, 1.0)
-        if config.field_of_view_rad < math.tau:
-            factor[np.abs(bearing) > 0.5 * config.field_of_view_rad] = 0.0
-        factor[distance < config.min_range_m] = 0.0
+        beyond = clearance.take(sector(bearing)) - distance  # how much further one sees there
+        factor = 1.0 - (1.0 - _HIDDEN) * (beyond < -_MARGIN_M)
         if measured:
-            factor[np.abs(seen - distance) <= _MARGIN_M] = _UNCLEAR
-            factor[np.isinf(seen)] = 1.0 - _NULL_LOSS
-        return np.minimum(np.maximum(probability * factor, _LEAST), _MOST)
+            factor -= (1.0 - _UNCLEAR) * (np.abs(beyond) <= _MARGIN_M)
+            factor -= _NULL_LOSS * np.isinf(beyond)
+        within = distance >= config.min_range_m
+        if config.field_of_view_rad < math.tau:
+            within &= np.abs(bearing) <= 0.5 * config.field_of_view_rad
+        probability *= factor * within
+        return np.minimum(np.maximum(probability, _LEAST), _MOST)
 
 
 class CameraModel:
