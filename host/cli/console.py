@@ -10,6 +10,7 @@ import shutil
 import textwrap
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TextIO
@@ -56,17 +57,25 @@ class State:
     seconds: float = 0.0
     real_time_factor: float = math.nan
     estimate: Estimate | None = None
-    truth: Truth | None = None
     devices: dict[str, Health] = field(default_factory=dict)
+    truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=8))  # the last ones
 
     def take(self, message: Message) -> None:
         """Note what a message says."""
         if isinstance(message, Estimate):
             self.estimate = message
         elif isinstance(message, Truth):
-            self.truth = message
+            self.truths.append(message)
         elif isinstance(message, Health):
             self.devices[message.device] = message
+
+    @property
+    def truth(self) -> Truth | None:
+        """Truth at the estimate's time, or close to it; it may come before or after."""
+        if self.estimate is None or not self.truths:
+            return None
+        time = self.estimate.time
+        return min(self.truths, key=lambda truth: abs(truth.time - time))
 
 
 def frame(state: State, width: int, paint: Paint = plain) -> list[str]:

@@ -16,7 +16,7 @@ import click
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
 from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
-from host.cli.tally import Tally, summary
+from host.cli.tally import Tally, summary, timing
 from host.config import RobotConfig
 from host.drivers.romeo import Romeo
 from host.drivers.x4 import X4
@@ -180,7 +180,15 @@ def _run(
             _draw_until(pipeline, console, begin + (seconds or math.inf))
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
         console.draw()
-    return tally.figures(wall, cpu, update_seconds), pipeline.failures
+    figures = {
+        "seconds": round(wall, 1),
+        **tally.figures(),
+        "updates_per_s": round(tally.estimates / wall, 1),
+        **timing(update_seconds),
+        "cpu_share_of_one_core": round(cpu / wall, 2),
+        "devices": tally.devices(),
+    }
+    return figures, pipeline.failures
 
 
 def _draw_until(pipeline: Pipeline, console: Console, end: float) -> None:

@@ -37,34 +37,32 @@ class Tally:
             errors = errors_m(self._estimate, message)
             self._errors += errors[~np.isnan(errors)].tolist()
 
-    def figures(
-        self, wall_s: float, cpu_s: float, update_seconds: Sequence[float]
-    ) -> dict[str, Any]:
-        """All figures by name; teammates and errors are means over all estimates.
-
-        wall_s, cpu_s: what the run took. update_seconds: what each update of the filter took.
-        """
-        update_ms = 1000.0 * np.array(update_seconds or [math.nan])
+    def figures(self) -> dict[str, Any]:
+        """Means over all estimates, by name."""
         figures: dict[str, Any] = {
-            "seconds": round(wall_s, 1),
+            "updates": self.estimates,
             "teammates_reported": _mean(self.reported, self.estimates),
         }
         if self._within:
             figures["teammates_in_range"] = _mean(sum(self._within), len(self._within))
             figures["mean_error_mm"] = _mean(1000.0 * sum(self._errors), len(self._errors))
-        devices = {
+        return figures
+
+    def devices(self) -> dict[str, dict[str, Any]]:
+        """The last health of each device."""
+        return {
             name: {"ok": health.ok, "reason": health.reason, "counts": health.counts}
             for name, health in self.health.items()
         }
-        return {
-            **figures,
-            "updates": self.estimates,
-            "updates_per_s": round(self.estimates / wall_s, 1),
-            "update_ms_median": _rounded(np.median(update_ms)),
-            "update_ms_p99": _rounded(np.percentile(update_ms, 99.0)),
-            "cpu_share_of_one_core": round(cpu_s / wall_s, 2),
-            "devices": devices,
-        }
+
+
+def timing(update_seconds: Sequence[float]) -> dict[str, float | None]:
+    """What an update of the filter took, in ms."""
+    update_ms = 1000.0 * np.array(update_seconds or [math.nan])
+    return {
+        "update_ms_median": rounded(np.median(update_ms)),
+        "update_ms_p99": rounded(np.percentile(update_ms, 99.0)),
+    }
 
 
 def summary(figures: Mapping[str, Any]) -> str:
@@ -81,8 +79,9 @@ def summary(figures: Mapping[str, Any]) -> str:
 
 
 def _mean(total: float, count: int) -> float | None:
-    return round(total / count, 3) if count else None
+    return rounded(total / count) if count else None
 
 
-def _rounded(value: float) -> float | None:
-    return None if math.isnan(value) else round(float(value), 3)
+def rounded(value: Any) -> float | None:
+    """A figure to three places; None where there is none."""
+    return None if value is None or math.isnan(value) else round(float(value), 3)

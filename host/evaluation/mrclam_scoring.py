@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from host.config import Lidar, RobotConfig
 from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading
@@ -26,8 +27,13 @@ SENSORS = "camera"  # of ranges and bearings
 # m²/s: makes the clairvoyant consistent (ANEES 1) on dataset 6, where robots drive at 6.5 cm/s.
 PROCESS_NOISE = 0.0125
 
+NewFilter = Callable[[], Filter]
+
+# The camera that reads barcodes, in the place of a lidar: how any filter is set for it.
+ROBOT = RobotConfig(name="mrclam", lidar=Lidar(blind_sectors=()))
+
 # Any filter is shown between these two: the limit and the floor.
-REFERENCES: Mapping[str, Callable[[], Filter]] = {
+REFERENCES: Mapping[str, NewFilter] = {
     "clairvoyant": lambda: Clairvoyant(PROCESS_NOISE, forget_s=REMEMBER_S),
     "last_reading": lambda: LastReading(keep_s=REMEMBER_S, process_noise=PROCESS_NOISE),
 }
@@ -65,7 +71,7 @@ def score(
 
 def evaluate(
     dataset: Dataset,
-    filters: Mapping[str, Callable[[], Filter]],
+    filters: Mapping[str, NewFilter],
     landmarks: Landmarks,
     source: str,
 ) -> list[Row]:

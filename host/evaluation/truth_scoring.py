@@ -4,9 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from host.estimator.interface import Filter
 from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator, match
-from host.messages import Estimate, FloatArray
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
 RANGE_M = 2.0  # the sensing range of the thesis: who is nearer is to be reported
 BAND_M = 0.5  # a report from this border beyond the range is never false
@@ -47,3 +48,31 @@ def _spare_in_border(
     spare = np.delete(estimate.positions, used, axis=0)
     distance = np.linalg.norm(spare, axis=1)
     return np.asarray(spare[(distance > range_m) & (distance <= range_m + band_m)])
+
+
+class AfterPositions:
+    """A filter that keeps its estimates after positions in `estimates`, not those after bearings.
+
+    So each teammate's estimate counts once a scan, whatever other sensors there are.
+    """
+
+    def __init__(self, filter_: Filter) -> None:
+        self.estimates: list[Estimate] = []
+        self._filter = filter_
+        self._of_positions = False
+
+    def predict(self, motion: Displacement) -> None:
+        """As the filter's."""
+        self._filter.predict(motion)
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """As the filter's."""
+        self._of_positions = isinstance(measurement, Positions)
+        self._filter.update(measurement)
+
+    def estimate(self) -> Estimate:
+        """As the filter's."""
+        estimate = self._filter.estimate()
+        if self._of_positions:
+            self.estimates.append(estimate)
+        return estimate

@@ -1,0 +1,118 @@
+"""Runs to replay and to score: recordings, and scenarios simulated at full speed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeGuard
+
+from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
+from host.config import RobotConfig
+from host.errors import UserError
+from host.estimator import profiles
+from host.estimator.interface import Filter
+from host.evaluation.labels import Labelled, TruthTrack
+from host.evaluation.metrics import Accumulator
+from host.evaluation.runner import Timed
+from host.evaluation.truth_scoring import AfterPositions, score
+from host.localizer import Localizer
+from host.messages import Bearings, Displacement, Measurement, Message, Positions, Scan, Truth
+from host.recording.log import SUFFIX, Recording
+from host.simulation import scenarios
+from host.simulation.scenarios import Scenario
+from host.simulation.world import OBSERVER, Simulation
+
+CLAIRVOYANT = "clairvoyant"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one robot's devices said, in order, and where its teammates truly were.
+
+    name: the source as the user wrote it. scenario: where it was simulated just now.
+    """
+
+    name: str
+    observer: str
+    config: RobotConfig
+    messages: list[Measurement | Displacement]
+    truths: list[Truth]
+    scenario: Scenario | None = None
+
+    @property
+    def sensors(self) -> list[str]:
+        """The sensors, as --sensors names them, for which there are readings."""
+        kinds = {type(message) for message in self.messages}
+        if not kinds & {Scan, Positions}:
+            return []
+        return [LIDAR_ONLY, LIDAR_AND_CAMERA] if Bearings in kinds else [LIDAR_ONLY]
+
+    def score(self, filter_name: str, sensors: str) -> Accumulator:
+        """Run a filter on the messages and score its estimates after scans."""
+        scored = Accumulator()
+        track = TruthTrack(self.truths)
+        filter_: Filter = Timed(profiles.make(filter_name, self.config), scored.update_seconds)
+        if filter_name == CLAIRVOYANT:
+            filter_ = Labelled(filter_, track)
+        kept = AfterPositions(filter_)
+        localizer = Localizer(self.config, kept)
+        for message in self.messages:
+            if uses(message, sensors):
+                localizer.handle(message)
+        localizer.finish()
+        score(kept.estimates, track, scored)
+        return scored
+
+
+def uses(message: Message, sensors: str) -> TypeGuard[Measurement | Displacement]:
+    """Whether a message is for the localizer when only these sensors are in use."""
+    if isinstance(message, Bearings):
+        return sensors != LIDAR_ONLY
+    return isinstance(message, Scan | Positions | Displacement)
+
+
+def load(source: str, robot: RobotConfig | None) -> Run:
+    """Read a recording or simulate a scenario; `robot` replaces a recording's configuration.
+
+    Raises UserError where there is neither, and for a recording without truth.
+    """
+    path = Path(source)
+    if source.endswith(SUFFIX) or path.is_file():
+        recording = Recording(path)
+        messages, truths = _sort_out(recording.messages())
+        if not truths:
+            raise UserError(
+                f"{source} cannot be scored",
+                "it holds no truth: nobody measured where the teammates really were",
+                "score a simulated run, or `swarmloc replay` it to see what is estimated",
+            )
+        config = robot or recording.header.config
+        return Run(source, config.name, config, messages, truths)
+    scenario = scenarios.parse(source)
+    config = robot or RobotConfig()
+    messages, truths = _sort_out(simulated(scenario, config))
+    return Run(source, str(OBSERVER), config, messages, truths, scenario)
+
+
+def simulated(scenario: Scenario, config: RobotConfig) -> Iterator[Message]:
+    """All messages of a scenario, and truth at every scan besides.
+
+    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns.
+    """
+    simulation = Simulation(scenario, config)
+    for message in simulation.messages():
+        yield message
+        if isinstance(message, Scan):
+            yield simulation.truth(message.time)
+
+
+def _sort_out(
+    messages: Iterator[Message],
+) -> tuple[list[Measurement | Displacement], list[Truth]]:
+    kept: list[Measurement | Displacement] = []
+    truths: list[Truth] = []
+    for message in messages:
+        if isinstance(message, Truth):
+            truths.append(message)
+        elif isinstance(message, Scan | Positions | Bearings | Displacement):
+            kept.append(message)
+    return kept, sorted(truths, key=lambda truth: truth.time)

@@ -1,0 +1,52 @@
+"""Rows of figures as an aligned table."""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+from host.evaluation.metrics import Row
+
+_BASELINE = "clairvoyant"
+# Heading with the unit, width, decimals.
+_FIGURES = {
+    "gospa_m": ("GOSPA m", 7, 3),
+    "localisation_m": ("loc. m", 6, 3),
+    "missed": ("missed", 6, 2),
+    "false": ("false", 5, 2),
+    "time_over_30cm": (">30cm %", 7, 1),
+    "rmse_m": ("RMSE m", 6, 3),
+    "p67_m": ("p67 m", 5, 3),
+    "anees": ("ANEES", 6, 2),
+    "update_ms_median": ("ms", 5, 2),
+    "update_ms_p99": ("p99 ms", 6, 2),
+}
+_LEGEND = """\
+missed, false: per scan. >30cm: teammates whose nearest estimate is further. ANEES: 1 is
+consistent, more is overconfident. ms: one predict and update. ratio: of GOSPA to clairvoyant's."""
+
+
+def table(rows: Sequence[Row]) -> str:
+    """The rows, one block a source; the last column is GOSPA over the clairvoyant filter's."""
+    lines: list[str] = []
+    for source, block in itertools.groupby(rows, key=lambda row: row.source):
+        lines += [*_block(source, list(block)), ""]
+    return "\n".join([*lines, _LEGEND])
+
+
+def _block(source: str, rows: Sequence[Row]) -> list[str]:
+    best = {(row.observer, row.sensors): row.gospa_m for row in rows if row.filter == _BASELINE}
+    heading = f"  {'observer':9} {'filter':12} {'sensors':12}"
+    heading += "".join(f" {name:>{width}}" for name, width, _ in _FIGURES.values())
+    lines = [f"{source}   {rows[-1].seconds:.0f} s scored", heading + "  ratio"]
+    for row in rows:
+        line = f"  {row.observer:9} {row.filter:12} {row.sensors:12}"
+        for name, (_, width, decimals) in _FIGURES.items():
+            value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
+            line += f" {_number(value, decimals):>{width}}"
+        ratio = row.gospa_m / best.get((row.observer, row.sensors), math.nan)
+        lines.append(f"{line} {_number(ratio, 2):>6}")
+    return lines
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
