@@ -1,6 +1,5 @@
 """The X4's protocol: against a decoder written here from the manual's table, and under damage."""
 
-import csv
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +20,7 @@ from host.drivers.x4_packets import (
 )
 from host.drivers.x4_protocol import Decoder
 from host.messages import Scan
+from tests.x4_turns import NEXT_TURN, recorded_turns
 
 Point = tuple[float, float]  # clockwise degrees in [0, 360), mm
 
@@ -369,25 +369,12 @@ def test_recorded_scans_survive_the_wire(recorded: Callable[[str], Path]) -> Non
     assert files
     turns, errors = 0, []
     for file in files:
-        recorded: dict[str, list[Point]] = {}
-        with file.open() as lines:
-            for row in csv.DictReader(lines):
-                point = (float(row["angle"]), float(row["range"]))
-                recorded.setdefault(row["time_stamp"], []).append(point)
-        for points in list(recorded.values())[:40]:
-            angles, ranges = np.array(points).T
-            raw = np.degrees(angles - angle_correction(ranges)) * 64.0
-            units = np.rint(np.unwrap(raw, period=UNITS_PER_TURN)).astype(int)
-            steps = np.diff(units)
-            if steps.min() < 30 or steps.max() > 60:
-                continue  # the vendor's driver lost a packet there
+        for turn in recorded_turns(file, limit=40):
             turns += 1
-            samples = np.rint(ranges * 4000.0).astype(int)
-            stream = b"".join(encode_turn(units % UNITS_PER_TURN, samples))
-            _, (scan,) = feed_all(stream + encode_packet(np.array([0]), 0, 0, True))
-            assert_same(scan, decode_by_the_table(stream)[0])
-            assert np.abs(scan.ranges - ranges).max() <= 0.000_125
-            error = (np.degrees(scan.angles + angles) + 180.0) % 360.0 - 180.0
+            _, (scan,) = feed_all(turn.stream + NEXT_TURN)
+            assert_same(scan, decode_by_the_table(turn.stream)[0])
+            assert np.abs(scan.ranges - turn.ranges).max() <= 0.000_125
+            error = (np.degrees(scan.angles + turn.angles) + 180.0) % 360.0 - 180.0
             errors.append(np.abs(error))
     assert turns > 20 * len(files)
     # The vendor's driver cuts angle and correction to 1/64 deg each, and FSA and LSA here were
