@@ -59,8 +59,9 @@ def near(
     if n * m <= _DENSE_PAIRS:
         dx = rows[X][:, None] - positions[:, 0]
         dy = rows[Y][:, None] - positions[:, 1]
-        i, j = (dx * dx + dy * dy < reach[:, None]).nonzero()
-        return i, j
+        flat = (dx * dx + dy * dy < reach[:, None]).ravel().nonzero()[0]
+        i = flat // m
+        return i, flat - i * m
     distance, reading = cKDTree(positions).query(
         rows[: Y + 1].T, k=min(_NEIGHBOURS, m), distance_upper_bound=math.sqrt(float(reach.max()))
     )
@@ -133,28 +134,31 @@ def update_by_bearings(
     return BearingPairs(i, j, likelihood, updated)
 
 
-def match_moments(rows: FloatArray, first: IntArray, about: FloatArray) -> FloatArray:
-    """Merge runs of components (ROWS, ..., N) into one each of the same weight, mean, covariance.
+def match_moments(rows: FloatArray, into: IntArray, centres: FloatArray) -> FloatArray:
+    """Merge components (ROWS, ..., N) into k ones of the same weight, mean and covariance.
 
-    first (k,): where in the last axis each run begins. about (2, ..., N) m: a point near each
-    component, the same within a run, about which moments are taken so that nothing is lost to
-    cancellation. Weights must be > 0.
+    into (N,): which one each goes to. centres (2, ..., k) m: a point near those that go to each,
+    about which moments are taken so that nothing is lost to cancellation. Weights must be > 0.
     """
+    size = centres.shape[-1]
     share = rows[WEIGHT]
-    offset = rows[: Y + 1] - about
-    weighted = share * offset
+    offset = rows[: Y + 1] - centres.take(into, axis=-1)
     sums = np.empty_like(rows)
-    sums[: Y + 1] = weighted
+    sums[: Y + 1] = weighted = share * offset
     sums[PXX : PYY + 1] = share * rows[PXX : PYY + 1]
     sums[PXX] += weighted[X] * offset[X]
     sums[PXY] += weighted[X] * offset[Y]
     sums[PYY] += weighted[Y] * offset[Y]
     sums[WEIGHT] = share
-    merged = np.add.reduceat(sums, first, axis=-1)
+    # All rows in one pass: row k is summed into the bins from k * size on.
+    count = sums.size // max(len(into), 1)
+    bins = into + size * np.arange(count)[:, None]
+    totals = np.bincount(bins.ravel(), sums.ravel(), count * size)
+    merged = np.asarray(totals, dtype=np.float64).reshape(*rows.shape[:-1], size)
     merged[:WEIGHT] /= merged[WEIGHT]
     x, y = merged[X], merged[Y]
     merged[PXX] -= x * x
     merged[PXY] -= x * y
     merged[PYY] -= y * y
-    merged[: Y + 1] += about.take(first, axis=-1)
+    merged[: Y + 1] += centres
     return merged

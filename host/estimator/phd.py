@@ -155,13 +155,8 @@ class PhdFilter:
         family[WEIGHT, :n] *= 1.0 - detected
         family[WEIGHT, n:] *= support / others
         parent = np.concatenate((np.arange(n), i))
-        order = parent.argsort(kind="stable")
         total = rows[WEIGHT].sum(axis=0)
-        rows[:, TEAMMATE] = match_moments(
-            family.take(order, axis=1),
-            np.searchsorted(parent[order], np.arange(n)),
-            prior[: Y + 1].take(parent[order], axis=1),
-        )
+        rows[:, TEAMMATE] = match_moments(family, parent, prior[: Y + 1].copy())
         rows[WEIGHT] *= total / rows[WEIGHT].sum(axis=0)
         self._state[SEEN, i[support > others]] = measured.time
         self._confirm()
@@ -179,33 +174,29 @@ class PhdFilter:
         return bearing, distance, clearance
 
     def _merge(self, state: FloatArray, group: IntArray) -> None:
-        """Merge each group (N,) of state (_STATE, N) into its heaviest, cap and prune.
+        """Merge each group of state (_STATE, N) into its heaviest, cap and prune.
 
-        Members whose squared distance from the heaviest is more than merge_distance times the mean
-        variance of both stay by themselves.
+        group (N,): whole numbers below N. Members whose squared distance from the heaviest is
+        more than merge_distance times the mean variance of both stay by themselves.
         """
         rows = _rows_of(state)
         rows[WEIGHT] += _WEIGHTLESS
-        order = np.lexsort((rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE], group))
-        state, group = state.take(order, axis=1), group.take(order)
-        rows = _rows_of(state)
-        ends = np.ones(len(group), dtype=bool)
-        ends[:-1] = group[1:] != group[:-1]
-        last = ends.nonzero()[0]
-        run = ends.cumsum() - ends
-        leader = last.take(run)
-        about = rows[: Y + 1].take(leader, axis=2)
-        dx, dy = rows[: Y + 1, TEAMMATE] - about[:, TEAMMATE]
+        order = (rows[WEIGHT, TEAMMATE] + rows[WEIGHT, OBSTACLE]).argsort()
+        leader = np.empty(len(group), dtype=np.int64)
+        leader[group.take(order)] = order  # the heaviest is written last
+        leader = leader.take(group)
+        x, y = rows[X, TEAMMATE], rows[Y, TEAMMATE]
+        dx, dy = x - x.take(leader), y - y.take(leader)
         spread = rows[PXX, TEAMMATE] + rows[PYY, TEAMMATE]
-        near_by = 0.5 * self._settings.merge_distance * (spread + spread.take(leader))
-        far = dx * dx + dy * dy > near_by
-        merged = state.take(last, axis=1)
-        if far.any():
-            close = (~far).nonzero()[0]
-            merged = np.concatenate((merged, state.compress(far, axis=1)), axis=1)
-            rows, about, run = rows.take(close, axis=2), about.take(close, axis=2), run.take(close)
-        first = run.searchsorted(np.arange(len(last)))
-        merged[_MIXTURE, : len(last)] = match_moments(rows, first, about).reshape(2 * ROWS, -1)
+        spread += spread.take(leader)
+        far = (dx * dx + dy * dy > 0.5 * self._settings.merge_distance * spread).nonzero()[0]
+        leader[far] = far
+        place = np.arange(len(group))
+        kept = (leader == place).nonzero()[0]
+        place[kept] = np.arange(len(kept))
+        merged = state.take(kept, axis=1)
+        centres = _rows_of(merged)[: Y + 1]
+        merged[_MIXTURE] = match_moments(rows, place.take(leader), centres).reshape(2 * ROWS, -1)
         weights = _rows_of(merged)[WEIGHT]
         total = weights[TEAMMATE] + weights[OBSTACLE]
         weights /= np.maximum(total, 1.0)  # two things cannot stand in one place
@@ -218,17 +209,14 @@ class PhdFilter:
         """Leave label and memory of each parent to its heaviest heir; the others start afresh."""
         state, weights = self._state, self._rows[WEIGHT]
         parent = state[PARENT].astype(np.int64)
-        new = parent == parents
-        if len(set(parent.tolist())) + np.count_nonzero(new) < len(parent) + new.any():
-            order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
-            heir = np.empty(parents + 1, dtype=np.int64)
-            heir[parent.take(order)] = order
-            new |= heir.take(parent) != np.arange(len(parent))
-        fresh = new.nonzero()[0]
-        if len(fresh):
-            state[CONFIRMED, fresh] = 0.0
-            state[LABEL, fresh] = np.arange(self._next_label, self._next_label + len(fresh))
-            self._next_label += len(fresh)
+        order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
+        heir = np.empty(parents + 1, dtype=np.int64)
+        heir[parent.take(order)] = order
+        heir[parents] = -1
+        new = (heir.take(parent) != np.arange(len(parent))).nonzero()[0]
+        state[CONFIRMED, new] = 0.0
+        state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
+        self._next_label += len(new)
         self._confirm()
 
     def _confirm(self) -> None:
