@@ -91,6 +91,11 @@ def line(state: State) -> str:
     return "  ".join(parts)
 
 
+def one_line(text: str) -> str:
+    """Lines joined by semicolons."""
+    return "; ".join(text.splitlines())
+
+
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
     """How far each estimate (n,) is from the teammate it is matched with; nan where from none."""
     i, j = match(truth.positions, estimate.positions, 2.0, _CUT_OFF_M)
@@ -171,9 +176,7 @@ def _devices(state: State, width: int, paint: Paint) -> list[str]:
     indent = max(map(len, state.devices), default=0) + 2
     for name, health in state.devices.items():
         mark = paint("ok  ", "green") if health.ok else paint("DOWN", "red")
-        reason = textwrap.wrap(
-            "; ".join(health.reason.splitlines()), max(20, width - indent - 6)
-        ) or [""]
+        reason = textwrap.wrap(one_line(health.reason), max(20, width - indent - 6)) or [""]
         lines.append(f"{name:{indent}}{mark}  {reason[0]}")
         lines += [" " * (indent + 6) + more for more in reason[1:]]
     return lines
@@ -249,8 +252,7 @@ class Console:
             told = (health.ok, "" if health.ok else health.reason)
             if self._told.get(name) != told:
                 self._told[name] = told
-                reason = "; ".join(health.reason.splitlines())
-                word = "ok" if health.ok else "DOWN"
+                word, reason = "ok" if health.ok else "DOWN", one_line(health.reason)
                 lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
         if now >= self._next_line:
             self._next_line += LINE_S

@@ -29,11 +29,12 @@ Step = Callable[[str], None]
 
 
 @click.command(
+    short_help="Filters against truth, in figures.",
     epilog="""\b
 Examples:
   swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters phd,clairvoyant
   swarmloc evaluate today.swarmloc --json figures.json
-  swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop"""
+  swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option(
@@ -66,6 +67,8 @@ def evaluate(
     names = options.several(filters, FILTERS, "--filters")
     wanted = options.several(sensors, options.SENSORS, "--sensors")
     robot = None if robot_path is None else options.robot(robot_path)
+    for source in sources:  # what is mistyped fails before anything is computed
+        _dataset(source) if source.startswith(_DATASET) else runs.find(source)
     rows: list[Row] = []
     scored: list[tuple[Scenario, Scores]] = []
     size = sum(

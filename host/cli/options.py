@@ -20,7 +20,7 @@ robot_option = click.option(
     "robot_path",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Configuration of the robot, robot.toml.  [default: a Cherokey as it comes]",
+    help="Configuration of the robot, robot.toml.  [default: the recording's, else a Cherokey]",
 )
 filter_option = click.option(
     "--filter",

@@ -111,10 +111,11 @@ class Player:
 
 
 @click.command(
+    short_help="A recording through the localizer again.",
     epilog=f"""\b
 Examples:
   swarmloc replay today{SUFFIX}
-  swarmloc replay today{SUFFIX} --filter perera2021 --speed 1"""
+  swarmloc replay today{SUFFIX} --filter perera2021 --speed 1""",
 )
 @click.argument("file", type=click.Path(path_type=Path))
 @options.robot_option

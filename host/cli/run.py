@@ -64,11 +64,12 @@ class Rig:
 
 
 @click.command(
+    short_help="Teammates on the screen, live.",
     epilog="""\b
 Examples:
   swarmloc run --simulate arena4
   swarmloc run --simulate arena4 --seconds 10 --unplug lidar=2-5
-  swarmloc run --robot robots/cherokey.toml --record today.swarmloc"""
+  swarmloc run --robot robots/cherokey.toml --record today.swarmloc""",
 )
 @options.robot_option
 @click.option(

@@ -70,27 +70,33 @@ def uses(message: Message, sensors: str) -> TypeGuard[Measurement | Displacement
     return isinstance(message, Scan | Positions | Displacement)
 
 
+def find(source: str) -> Recording | Scenario:
+    """The recording or the scenario that a source names. Raises UserError where it is neither."""
+    path = Path(source)
+    if source.endswith(SUFFIX) or path.is_file():
+        return Recording(path)
+    return scenarios.parse(source)
+
+
 def load(source: str, robot: RobotConfig | None) -> Run:
     """Read a recording or simulate a scenario; `robot` replaces a recording's configuration.
 
     Raises UserError where there is neither, and for a recording without truth.
     """
-    path = Path(source)
-    if source.endswith(SUFFIX) or path.is_file():
-        recording = Recording(path)
-        messages, truths = _sort_out(recording.messages())
-        if not truths:
-            raise UserError(
-                f"{source} cannot be scored",
-                "it holds no truth: nobody measured where the teammates really were",
-                "score a simulated run, or `swarmloc replay` it to see what is estimated",
-            )
-        config = robot or recording.header.config
-        return Run(source, config.name, config, messages, truths)
-    scenario = scenarios.parse(source)
-    config = robot or RobotConfig()
-    messages, truths = _sort_out(simulated(scenario, config))
-    return Run(source, str(OBSERVER), config, messages, truths, scenario)
+    found = find(source)
+    if isinstance(found, Scenario):
+        config = robot or RobotConfig()
+        messages, truths = _sort_out(simulated(found, config))
+        return Run(source, str(OBSERVER), config, messages, truths, found)
+    messages, truths = _sort_out(found.messages())
+    if not truths:
+        raise UserError(
+            f"{source} cannot be scored",
+            "it holds no truth: nobody measured where the teammates really were",
+            "score a simulated run, or `swarmloc replay` it to see what is estimated",
+        )
+    config = robot or found.header.config
+    return Run(source, config.name, config, messages, truths)
 
 
 def simulated(scenario: Scenario, config: RobotConfig) -> Iterator[Message]:

@@ -14,10 +14,11 @@ from host.simulation import scenarios
 
 
 @click.command(
+    short_help="A scenario to a recording, at full speed.",
     epilog=f"""\b
 Example:
   swarmloc simulate arena4:seconds=60,seed=1 --output arena{SUFFIX}
-  swarmloc replay arena{SUFFIX}"""
+  swarmloc replay arena{SUFFIX}""",
 )
 @click.argument("scenario")
 @click.option(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from host.cli.console import errors_m
+from host.cli.console import errors_m, one_line
 from host.cli.options import listing
 from host.evaluation.truth_scoring import RANGE_M
 from host.messages import Estimate, Health, Message, Truth
@@ -74,7 +74,7 @@ def summary(figures: Mapping[str, Any]) -> str:
     }
     for name, device in figures["devices"].items():
         counts = ", ".join(f"{key} {value}" for key, value in device["counts"].items() if value)
-        lines[name] = counts or device["reason"]
+        lines[name] = counts or one_line(device["reason"])
     return "Summary\n" + listing(lines)
 
 

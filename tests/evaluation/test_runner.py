@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from host.estimator.last_reading import LastReading
-from host.evaluation.labels import TruthTrack
-from host.evaluation.metrics import Accumulator
 from host.evaluation.runner import Timed, run
-from host.evaluation.truth_scoring import score
-from host.messages import Displacement, Estimate, Health, Positions, Truth
+from host.messages import Displacement, Health, Positions
 
 
 def seen(time, *points):
@@ -72,29 +69,3 @@ def test_timed_notes_each_update_with_its_predict():
     assert len(spent) == 2
     assert all(value > 0.0 for value in spent)
     assert len(timed.estimate().positions) == 1
-
-
-def an_estimate(time, *points):
-    n = len(points)
-    points = np.array(points, dtype=float).reshape(n, 2)
-    labels = np.arange(n)
-    return Estimate(time, points, np.tile(np.eye(2), (n, 1, 1)), np.ones(n), np.zeros(n), labels)
-
-
-def test_scenarios_are_scored_within_range_with_a_border_band_after_warming_up():
-    where = np.array([[1.0, 0.0], [2.2, 0.0], [4.0, 0.0]])
-    track = TruthTrack([Truth(t, np.arange(3), where) for t in (0.0, 10.0)])
-    scored = Accumulator()
-    estimates = [
-        an_estimate(1.0),  # warming up
-        an_estimate(6.0, [1.0, 0.0]),
-        an_estimate(7.0, [1.0, 0.0], [2.2, 0.0]),  # the second one in the band
-        an_estimate(8.0, [1.0, 0.0], [4.0, 0.0]),  # out of range: false
-        an_estimate(9.0),  # missed
-        an_estimate(11.0),  # no truth
-    ]
-    score(estimates, track, scored, range_m=2.0, band_m=0.5, warm_up_s=5.0)
-    row = scored.row("", "", "", "")
-    assert row.seconds == 3.0
-    assert row.missed == pytest.approx(1 / 4)
-    assert row.false == pytest.approx(1 / 4)

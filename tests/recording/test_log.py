@@ -1,0 +1,246 @@
+"""Recordings: exact both ways, and whatever is damaged is found."""
+
+import dataclasses
+import os
+import resource
+import signal
+import subprocess
+import sys
+import typing
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from host.config import Lidar, RobotConfig
+from host.errors import UserError
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    Health,
+    Positions,
+    Scan,
+    Truth,
+)
+from host.recording.log import Header, Recorder, Recording
+
+HEADER = Header(RobotConfig(name="tester", lidar=Lidar(delay_s=0.1)), "lidar", "arena4:seed=1")
+KINDS = (Scan, Positions, Bearings, Displacement, Estimate, Truth, Health)
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+integers = st.integers(-(2**62), 2**62)
+
+
+def floats(*shape: int) -> st.SearchStrategy:
+    return arrays(np.float64, shape, elements=st.floats(allow_nan=True, allow_infinity=True))
+
+
+def values(hint: object, n: int, name: str) -> st.SearchStrategy:
+    """Anything that a field of this type may hold."""
+    shape = {"positions": (n, 2), "covariances": (n, 2, 2)}.get(name, (n,))
+    options = [part for part in typing.get_args(hint) if part is not type(None)]
+    if type(None) in typing.get_args(hint):
+        (inner,) = options
+        return st.none() | values(inner, n, name)
+    if typing.get_origin(hint) is tuple:
+        return st.tuples(*(values(part, n, name) for part in options))
+    if typing.get_origin(hint) is dict:
+        return st.dictionaries(st.text(max_size=8), integers, max_size=4)
+    if "int64" in str(hint):
+        return arrays(np.int64, (n,), elements=integers)
+    if "float64" in str(hint):
+        return floats(*shape)
+    return {float: finite, int: integers, str: st.text(max_size=30), bool: st.booleans()}[hint]
+
+
+@st.composite
+def messages(draw):
+    kind = draw(st.sampled_from(KINDS))
+    n = draw(st.integers(0, 5))
+    hints = typing.get_type_hints(kind)
+    return kind(**{name: draw(values(hint, n, name)) for name, hint in hints.items()})
+
+
+def bits(value):
+    """A value in a form that tells apart whatever differs in one bit, or in type."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, tuple):
+        return tuple(map(bits, value))
+    return type(value), repr(value)
+
+
+def all_bits(message):
+    fields = dataclasses.fields(message)
+    return type(message), [bits(getattr(message, field.name)) for field in fields]
+
+
+def some_messages():
+    positions = np.array([[1.0, 0.1], [-2.0, 1e-300]])
+    return [
+        Scan(1.0, np.array([0.9, 1.0]), np.array([0.0, -3.0]), np.array([0.0, 2.0])),
+        Positions(1.0, positions, np.tile(np.eye(2), (2, 1, 1)), identities=np.array([4, -1])),
+        Displacement(1.25, 0.25, 0.1, 0.0, -0.2, 1e-5, 1e-6, (3, -4)),
+        Health(1.5, "lidar", False, "gone\nfor ever ü", {"turns": 3}),
+    ]
+
+
+def write(path: Path, content, header=HEADER) -> Path:
+    with Recorder(path, header) as recorder:
+        for message in content:
+            recorder.write(message)
+    return path
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(content=st.lists(messages(), max_size=6))
+def test_what_is_read_is_bit_for_bit_what_was_written(content, tmp_path_factory):
+    path = write(tmp_path_factory.mktemp("log") / "a.swarmloc", content)
+    recording = Recording(path)
+    assert recording.header == HEADER
+    assert [all_bits(m) for m in recording.messages()] == [all_bits(m) for m in content]
+    assert not recording.torn
+
+
+def test_arrays_can_be_written_to(tmp_path):
+    scan = next(Recording(write(tmp_path / "a", some_messages())).messages())
+    scan.ranges[0] = 1.0
+
+
+def test_cut_anywhere_it_loses_no_complete_line(tmp_path):
+    content = some_messages()
+    whole = write(tmp_path / "whole", content).read_bytes()
+    header_end = whole.index(b"\n") + 1
+    ends = [i + 1 for i, byte in enumerate(whole) if byte == ord("\n")]
+    for cut in range(header_end, len(whole) + 1):
+        path = tmp_path / "cut"
+        path.write_bytes(whole[:cut])
+        recording = Recording(path)
+        complete = sum(end <= cut for end in ends) - 1
+        assert [all_bits(m) for m in recording.messages()] == [
+            all_bits(m) for m in content[:complete]
+        ]
+        assert recording.torn == (cut not in ends)
+    for cut in range(header_end):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(UserError, match="holds no recording"):
+            Recording(path)
+
+
+def test_every_damaged_byte_is_found_and_its_line_named(tmp_path):
+    lines = write(tmp_path / "whole", some_messages()).read_bytes().splitlines(keepends=True)
+    path = tmp_path / "damaged"
+    random = np.random.default_rng(7)
+    for number in range(2, len(lines)):
+        for place in range(len(lines[number - 1]) - 1):
+            line = bytearray(lines[number - 1])
+            line[place] ^= 1 << int(random.integers(8))
+            if line[place] in b"\n\r":
+                continue  # two torn lines: the next test's
+            path.write_bytes(b"".join([*lines[: number - 1], bytes(line), *lines[number:]]))
+            with pytest.raises(UserError, match=f"line {number}:"):
+                list(Recording(path).messages())
+
+
+def test_a_line_broken_in_two_and_a_line_of_zeros_are_damage(tmp_path):
+    lines = write(tmp_path / "whole", some_messages()).read_bytes().splitlines(keepends=True)
+    for wrong in (lines[2][:40] + b"\n" + lines[2][40:], b"\0" * 50 + b"\n", b"\n", b"{}\n"):
+        path = tmp_path / "damaged"
+        path.write_bytes(b"".join([*lines[:2], wrong, *lines[3:]]))
+        with pytest.raises(UserError, match="line 3:"):
+            list(Recording(path).messages())
+
+
+def sealed(body: bytes) -> bytes:
+    """A line with a right checksum, written here without the recorder."""
+    return b'{"crc":"%08x",%b\n' % (zlib.crc32(body), body[1:])
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"kind":"tachyon","time":1.0}',
+        b'{"time":1.0}',
+        b'{"kind":"truth","time":1.0}',
+        b'{"kind":"truth","time":1.0,"identities":["i8",[3],"AAAA"],"positions":["f8",[0,2],""]}',
+        b'{"kind":"truth","time":1.0,"identities":["c8",[0],""],"positions":["f8",[0,2],""]}',
+        b'{"kind":"truth","time":1.0,"identities":[],"positions":["f8",[0,2],""]}',
+    ],
+)
+def test_what_is_sound_but_makes_no_message_is_damage(tmp_path, body):
+    path = write(tmp_path / "a", [])
+    path.write_bytes(path.read_bytes() + sealed(body))
+    with pytest.raises(UserError, match="line 2: the recording is damaged"):
+        list(Recording(path).messages())
+
+
+def test_another_version_is_refused_in_words(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(sealed(b'{"kind":"header","version":99}'))
+    with pytest.raises(UserError, match="version 99"):
+        Recording(path)
+
+
+def test_a_configuration_that_is_not_known_any_more_is_refused_in_words(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(
+        sealed(b'{"version":1,"sensors":"lidar","scenario":null,"config":{"wings":2}}')
+    )
+    with pytest.raises(UserError, match="configuration cannot be read"):
+        Recording(path)
+
+
+def test_other_files_and_no_files_are_refused_in_words(tmp_path):
+    (tmp_path / "text").write_text("hello\n")
+    with pytest.raises(UserError, match="not a swarmloc recording"):
+        Recording(tmp_path / "text")
+    with pytest.raises(UserError, match="No such file"):
+        Recording(tmp_path / "nothing")
+    with pytest.raises(UserError, match="cannot read"):
+        Recording(tmp_path)
+
+
+def test_a_recording_is_never_overwritten(tmp_path):
+    path = write(tmp_path / "a", some_messages())
+    before = path.read_bytes()
+    with pytest.raises(UserError, match="exists already"):
+        Recorder(path, HEADER)
+    assert path.read_bytes() == before
+    with pytest.raises(UserError, match="cannot write"):
+        Recorder(tmp_path / "no" / "folder", HEADER)
+
+
+def test_a_full_disk_is_told_in_words(tmp_path):
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Recorder(tmp_path / "a", HEADER) as recorder:
+        resource.setrlimit(resource.RLIMIT_FSIZE, ((tmp_path / "a").stat().st_size + 10, hard))
+        try:
+            with pytest.raises(UserError, match="cannot write"):
+                recorder.write(some_messages()[0])
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    recording = Recording(tmp_path / "a")
+    assert list(recording.messages()) == []
+    assert recording.torn
+
+
+def test_killed_it_has_lost_nothing_that_was_written(tmp_path):
+    script = (
+        "import os, signal, sys, pathlib\n"
+        "from host.config import RobotConfig\n"
+        "from host.messages import Health\n"
+        "from host.recording.log import Header, Recorder\n"
+        "recorder = Recorder(pathlib.Path(sys.argv[1]), Header(RobotConfig(), 'lidar'))\n"
+        "for k in range(100):\n"
+        "    recorder.write(Health(float(k), 'lidar', True, '', {}))\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    path = tmp_path / "a"
+    done = subprocess.run([sys.executable, "-c", script, str(path)], env=os.environ, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert [m.time for m in Recording(path).messages()] == [float(k) for k in range(100)]

@@ -1,0 +1,197 @@
+"""The pipeline: order, a bounded queue, and parts that fail without taking the rest along."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from host.config import RobotConfig
+from host.errors import UserError
+from host.estimator.last_reading import LastReading
+from host.localizer import Localizer
+from host.messages import Bearings, Displacement, Estimate, Health, Positions, Truth
+from host.pipeline import MessageQueue, Pipeline
+
+LONG_S = 20.0  # a bound on waiting, not on speed
+
+
+def a_health(device="lidar", time=0.0):
+    return Health(time, device, True, "", {})
+
+
+def a_step(time):
+    return Displacement(time, 0.1, 0.0, 0.0, 0.0)
+
+
+def a_reading(time):
+    return Positions(time, np.array([[1.0, 0.0]]), np.eye(2)[None])
+
+
+class Emits:
+    """A device that emits its messages, then waits for the end."""
+
+    def __init__(self, *messages):
+        self.messages = messages
+        self.stopped = False
+
+    def run(self, emit, stop):
+        for message in self.messages:
+            emit(message)
+        self.stopped = stop.wait(LONG_S)
+
+
+class Fails:
+    def __init__(self, error):
+        self.error = error
+
+    def run(self, emit, stop):
+        raise self.error
+
+
+class Inbox:
+    """A sink that can be waited on."""
+
+    def __init__(self):
+        self.messages = []
+        self._news = threading.Condition()
+
+    def __call__(self, message):
+        with self._news:
+            self.messages.append(message)
+            self._news.notify_all()
+
+    def wait_for(self, is_wanted):
+        def found():
+            return [m for m in self.messages if is_wanted(m)]
+
+        with self._news:
+            assert self._news.wait_for(found, LONG_S), self.messages
+            return found()[0]
+
+    def of(self, *kinds):
+        return [m for m in self.messages if isinstance(m, kinds)]
+
+
+def a_localizer():
+    return Localizer(RobotConfig(), LastReading())
+
+
+def test_a_full_queue_drops_the_oldest_and_counts_it():
+    queue = MessageQueue(capacity=3)
+    for k in range(5):
+        queue.put(a_health(time=float(k)))
+    assert queue.dropped == 2
+    assert [queue.take(0.0).time for _ in range(3)] == [2.0, 3.0, 4.0]
+    assert queue.take(0.0) is None
+
+
+def test_a_queue_wakes_who_waits():
+    queue = MessageQueue()
+    threading.Timer(0.05, queue.put, [a_health()]).start()
+    assert queue.take(LONG_S) == a_health()
+
+
+def test_sinks_get_each_message_then_its_estimates_then_the_truth():
+    fed = [a_step(0.1), a_reading(0.05), a_step(0.2), a_reading(0.3)]
+    first, second = Inbox(), Inbox()
+    source = Emits(*fed)
+
+    def truth(time):
+        return Truth(time, np.array([1]), np.array([[time, 0.0]]))
+
+    sinks = {"one": first, "two": second}
+    with Pipeline(a_localizer(), {"lidar": source}, sinks, truth) as pipeline:
+        first.wait_for(lambda m: m is fed[-1])
+    assert source.stopped
+    kinds = [type(m) for m in first.messages if not isinstance(m, Health)]
+    # The last reading waits for odometry that never comes: the end of the run releases it.
+    wanted = [Displacement, Positions, Estimate, Truth, Displacement, Positions, Estimate]
+    assert kinds == wanted
+    estimate, truth_after = first.of(Estimate)[0], first.of(Truth)[0]
+    assert estimate.time == truth_after.time == 0.05
+    assert [id(m) for m in second.messages] == [id(m) for m in first.messages]
+    assert not pipeline.failures
+
+
+def test_what_was_emitted_before_the_end_is_still_used():
+    inbox = Inbox()
+    source = Emits(*(a_step(0.1 * k) for k in range(1, 101)), a_reading(5.0))
+    with Pipeline(a_localizer(), {"board": source}, {"inbox": inbox}):
+        pass
+    assert len(inbox.of(Displacement)) == 100
+    assert len(inbox.of(Estimate)) == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ZeroDivisionError("boom"), "ended by a fault of swarmloc (ZeroDivisionError: boom)"),
+        (UserError("no lidar", "no cable", "buy one"), "no lidar; no cable; buy one"),
+    ],
+)
+def test_a_device_that_fails_is_told_and_the_rest_goes_on(error, words):
+    inbox = Inbox()
+    sources = {"lidar": Fails(error), "board": Emits(a_step(0.1), a_reading(0.1))}
+    with Pipeline(a_localizer(), sources, {"inbox": inbox}) as pipeline:
+        told = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "lidar")
+        inbox.wait_for(lambda m: isinstance(m, Estimate))
+        assert not pipeline.stop.is_set()
+    assert (told.ok, told.reason) == (False, words)
+    assert pipeline.failures == {"lidar": error}
+
+
+def test_a_sink_that_fails_is_told_and_the_rest_goes_on():
+    inbox = Inbox()
+
+    def full(message):
+        raise UserError("cannot write", "No space left on device")
+
+    sinks = {"recording": full, "screen": inbox}
+    source = Emits(a_step(0.1), a_reading(0.1))
+    with Pipeline(a_localizer(), {"board": source}, sinks) as pipeline:
+        told = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "recording")
+        inbox.wait_for(lambda m: isinstance(m, Estimate))
+    assert told.reason == "cannot write; No space left on device"
+    assert list(pipeline.failures) == ["recording"]
+    assert len(inbox.of(Health)) == 1
+
+
+def test_a_localizer_that_fails_ends_the_run():
+    class Broken(LastReading):
+        def update(self, measurement):
+            raise ZeroDivisionError
+
+    source = Emits(a_step(0.1), a_reading(0.1))
+    localizer = Localizer(RobotConfig(), Broken())
+    with Pipeline(localizer, {"board": source}, {}) as pipeline:
+        assert pipeline.stop.wait(LONG_S)
+    assert source.stopped
+    assert isinstance(pipeline.failures["localizer"], ZeroDivisionError)
+
+
+def test_the_localizer_tells_how_it_does_and_what_was_dropped():
+    inbox = Inbox()
+    blocked, go = threading.Event(), threading.Event()
+
+    def slow(message):
+        if isinstance(message, Displacement) and not blocked.is_set():
+            blocked.set()
+            assert go.wait(LONG_S)
+
+    class Floods:
+        def run(self, emit, stop):
+            emit(a_step(0.1))
+            assert blocked.wait(LONG_S)
+            for k in range(300):  # more than the queue holds
+                emit(a_health("camera", float(k)))
+            emit(Bearings(0.1, np.zeros(1), np.ones(1)))
+            go.set()
+            stop.wait(LONG_S)
+
+    with Pipeline(a_localizer(), {"camera": Floods()}, {"slow": slow, "inbox": inbox}):
+        told = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "localizer")
+    assert not told.ok
+    assert told.reason.startswith("too slow: 45 messages dropped")
+    assert told.counts["dropped"] == 45
+    assert told.counts["messages"] == 1 + 256
+    assert told.counts["estimates"] == 1
