@@ -29,7 +29,7 @@ _OLD_S = 1.0
 _HOME, _TO_LINE_END, _TO_SCREEN_END = "\x1b[H", "\x1b[K", "\x1b[J"
 _CLEAR, _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[2J", "\x1b[?25l", "\x1b[?25h"
 _CODES = {"bold": "1", "dim": "2", "red": "31;1", "green": "32", "": ""}
-_COLUMNS = "{:>3} {:>8} {:>8} {:>8} {:>13} {:>10} {:>8} {:>7}"
+_COLUMNS = "{:>3} {:>8} {:>8} {:>8} {:>12} {:>9} {:>7} {:>6}"
 
 Paint = Callable[[str, str], str]
 
@@ -122,7 +122,7 @@ def _table(state: State, paint: Paint) -> list[str]:
         "no", "x m", "y m", "dist m", "bearing deg", "sigma mm", "weight", "age s"
     )
     if truth is not None:
-        heading += f" {'error mm':>10}"
+        heading += f" {'error mm':>9}"
     lines = [paint(heading, "dim")]
     if estimate is not None:
         errors = None if truth is None else errors_m(estimate, truth)
@@ -151,8 +151,8 @@ def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Pain
     if errors is None:
         return row
     if math.isnan(errors[k]):
-        return row + paint(f" {'nobody':>10}", "red")
-    return row + f" {1000.0 * errors[k]:10.0f}"
+        return row + paint(f" {'nobody':>9}", "red")
+    return row + f" {1000.0 * errors[k]:9.0f}"
 
 
 def _tally(state: State) -> str:

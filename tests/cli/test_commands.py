@@ -1,0 +1,254 @@
+"""simulate, replay and evaluate, and how every command speaks to its user."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from host.cli import runs
+from host.cli.main import main
+from host.cli.replay import Comparison
+from host.cli.table import table
+from host.config import RobotConfig
+from host.evaluation.metrics import Accumulator
+from host.messages import Displacement, Estimate, Health, Truth
+from host.recording.log import Header, Recorder, Recording
+
+COMMANDS = ("run", "simulate", "replay", "evaluate")
+KEYS = [
+    *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
+    *("false", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error", "anees"),
+    *("update_ms_median", "update_ms_p99"),
+]
+SCENARIO = "arena4:seconds=9,seed=2"
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "arena.swarmloc"
+    done = invoke("simulate", SCENARIO, "--output", path)
+    assert done.exit_code == 0, done.output
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_and_figures_as_json(command):
+    done = invoke(command, "--help")
+    assert done.exit_code == 0
+    assert re.search(rf"Examples?:\n +swarmloc {command} ", done.output)
+    assert "--json FILE" in done.output
+    assert max(map(len, done.output.splitlines())) <= 80
+
+
+def test_help_lists_the_commands_and_version_tells_one():
+    listed = invoke("--help").output
+    assert all(re.search(rf"^  {command} ", listed, re.MULTILINE) for command in COMMANDS)
+    assert "..." not in listed.split("Commands:")[1]
+    assert re.fullmatch(r"swarmloc, version \d+\.\d+\.\d+\S*\n", invoke("--version").output)
+
+
+def test_a_failure_is_words_and_with_debug_a_traceback(tmp_path):
+    path = tmp_path / "none.swarmloc"
+    told = invoke("replay", path)
+    assert (told.exit_code, told.stdout) == (1, "")
+    assert told.stderr == (
+        f"swarmloc: cannot read the recording {path}\n"
+        "No such file or directory\n"
+        "give the path of a .swarmloc file\n"
+    )
+    assert type(invoke("--debug", "replay", path).exception).__name__ == "UserError"
+
+
+def test_a_fault_of_the_program_is_words_too(monkeypatch, recording):
+    def fail(*arguments):
+        raise ZeroDivisionError("boom")
+
+    monkeypatch.setattr(runs, "load", fail)
+    told = invoke("evaluate", SCENARIO)
+    assert told.exit_code == 1
+    assert "a fault of the program: ZeroDivisionError: boom" in told.stderr
+    assert "--debug" in told.stderr
+    assert isinstance(invoke("--debug", "evaluate", SCENARIO).exception, ZeroDivisionError)
+
+
+def test_a_simulated_recording_holds_truth_at_every_scan(recording, tmp_path):
+    messages = list(Recording(recording).messages())
+    truths = {m.time for m in messages if isinstance(m, Truth)}
+    scans = [m.time for m in messages if type(m).__name__ == "Scan"]
+    assert len(scans) > 50
+    assert truths.issuperset(scans)
+    assert Recording(recording).header.scenario == SCENARIO
+    again = tmp_path / "again.swarmloc"
+    assert invoke("simulate", SCENARIO, "--output", again).exit_code == 0
+    assert again.read_bytes() == recording.read_bytes()
+    assert "exists already" in invoke("simulate", SCENARIO, "--output", again).stderr
+
+
+def test_replaying_twice_gives_the_same_bits_and_figures(recording, tmp_path):
+    figures = []
+    for name in ("a", "b"):
+        done = invoke("replay", recording, "--json", tmp_path / name)
+        assert done.exit_code == 0, done.output
+        assert "none in the recording" in done.output
+        figures.append(json.loads((tmp_path / name).read_text()))
+    for key in ("updates", "teammates_reported", "gospa_m", "missed", "false", "rmse_m"):
+        assert figures[0][key] == figures[1][key]
+    assert figures[0]["updates"] > 100
+
+
+def test_a_replay_tells_whether_the_recorded_estimates_come_out_again(recording, tmp_path):
+    """Adds estimates to a recording by hand, right ones and then one wrong in its last bit."""
+    run = runs.load(str(recording), None)
+    header = Recording(recording).header
+    made = made_by(run)
+    assert sum(map(len, made)) > 100
+    right, wrong = tmp_path / "right.swarmloc", tmp_path / "wrong.swarmloc"
+    record(right, header, run.messages, made)
+    done = invoke("replay", right)
+    assert done.exit_code == 0, done.output
+    assert f"{sum(map(len, made))} bit-identical, 0 different" in done.output
+
+    place = next(k for k, estimates in enumerate(made) if estimates and estimates[0].weights.size)
+    estimate = made[place][0]
+    estimate.weights[0] = np.nextafter(estimate.weights[0], 2.0)
+    record(wrong, header, run.messages, made)
+    done = invoke("replay", wrong)
+    assert done.exit_code == 1
+    assert "1 estimates differ from the recorded ones" in done.stderr
+    assert f"the first at {estimate.time:.3f} s" in done.stderr
+    for other in (("--filter", "perera2021"), ("--sensors", "lidar")):
+        done = invoke("replay", wrong, *other)
+        assert done.exit_code == 0, done.output
+        assert "not compared" in done.output
+
+
+def made_by(run):
+    """The estimates of each message, and last those of the end."""
+    from host.estimator import profiles
+    from host.localizer import Localizer
+
+    localizer = Localizer(run.config, profiles.make("phd", run.config))
+    return [localizer.handle(message) for message in run.messages] + [localizer.finish()]
+
+
+def record(path, header, messages, made):
+    with Recorder(path, header) as recorder:
+        for message, estimates in zip([*messages, None], made, strict=True):
+            if message is not None:
+                recorder.write(message)
+            for estimate in estimates:
+                recorder.write(estimate)
+
+
+def an_estimate(time):
+    none = np.zeros(0)
+    return Estimate(
+        time, np.zeros((0, 2)), np.zeros((0, 2, 2)), none, none, np.zeros(0, dtype=np.int64)
+    )
+
+
+def test_estimates_too_many_or_too_few_are_different():
+    step = Displacement(1.0, 0.1, 0.0, 0.0, 0.0)
+    a, b = an_estimate(1.0), an_estimate(2.0)
+    for fed, equal, different in (
+        ([(step, [a]), (a, []), (step, [b]), (b, []), (None, [])], 2, 0),
+        ([(step, [a]), (step, [b]), (b, []), (None, [])], 1, 1),  # one was not recorded
+        ([(step, []), (a, []), (step, [b]), (b, []), (None, [])], 1, 1),  # one is not made
+        ([(step, [a]), (b, []), (None, [])], 0, 1),
+        ([(step, [a, b]), (a, []), (None, [])], 1, 0),  # the run was killed
+        ([(step, []), (a, []), (None, [a])], 1, 0),  # made at the end
+        ([(step, []), (a, []), (None, [])], 0, 1),
+    ):
+        comparison = Comparison()
+        for message, made in fed:
+            comparison.take(message, made)
+        assert (comparison.equal, comparison.different) == (equal, different)
+
+
+def test_a_torn_recording_replays_and_says_so(recording, tmp_path):
+    torn = tmp_path / "torn.swarmloc"
+    torn.write_bytes(recording.read_bytes()[:-100])
+    done = invoke("replay", torn)
+    assert done.exit_code == 0
+    assert "its last line is torn" in done.output
+
+
+def test_a_replay_at_speed_shows_the_screen(recording):
+    done = invoke("replay", recording, "--speed", "8")
+    assert done.exit_code == 0, done.output
+    assert re.search(r"1\.\d s +\d teammates? \(\d truly within 2.0 m", done.output)
+
+
+def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
+    path = tmp_path / "rows.json"
+    sources = ("arena4:seconds=9,seed=1", SCENARIO, str(recording))
+    done = invoke("evaluate", *sources, "--filters", "phd,clairvoyant", "--json", path)
+    assert done.exit_code == 0, done.output
+    rows = json.loads(path.read_text())
+    assert all(list(row) == KEYS for row in rows)
+    assert [row["source"] for row in rows] == [
+        source for source in (*sources, "arena4 x2") for _ in range(4)
+    ]
+    assert [(row["filter"], row["sensors"]) for row in rows[:4]] == [
+        ("phd", "lidar+camera"),
+        ("phd", "lidar"),
+        ("clairvoyant", "lidar+camera"),
+        ("clairvoyant", "lidar"),
+    ]
+    assert [row["observer"] for row in rows] == [*"00000000", *["cherokey"] * 4, *"0000"]
+    # The recording is of the second scenario.
+    for simulated, recorded in zip(rows[4:8], rows[8:12], strict=True):
+        names = ("source", "observer", "update_ms_median", "update_ms_p99")
+        assert {k: v for k, v in simulated.items() if k not in names} == {
+            k: v for k, v in recorded.items() if k not in names
+        }
+    for one, other, pooled in zip(rows[:4], rows[4:8], rows[12:], strict=True):
+        low, high = sorted((one["gospa_m"], other["gospa_m"]))
+        assert low <= pooled["gospa_m"] <= high
+        assert pooled["seconds"] == pytest.approx(one["seconds"] + other["seconds"])
+    best = rows[2]
+    assert 0.0 < best["gospa_m"] < 0.15
+    assert best["gospa_m"] < rows[0]["gospa_m"]
+    ratio = rows[0]["gospa_m"] / best["gospa_m"]
+    assert re.search(rf"phd +lidar\+camera .* {ratio:.2f}\n", done.output)
+
+
+def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
+    blind, camera_less = tmp_path / "blind.swarmloc", tmp_path / "lidar.swarmloc"
+    with Recorder(blind, Header(RobotConfig(), "lidar")) as recorder:
+        recorder.write(Health(0.0, "lidar", True, "", {}))
+    with Recorder(camera_less, Header(RobotConfig(), "lidar")) as recorder:
+        for message in Recording(recording).messages():
+            if type(message).__name__ != "Bearings":
+                recorder.write(message)
+    for arguments, words in (
+        ((blind,), "it holds no truth"),
+        ((camera_less, "--sensors", "lidar+camera"), "no readings of lidar+camera"),
+        (("arena4:seconds=9", "atlantis"), "no scenario is called 'atlantis'"),
+        (("mrclam:/no/folder",), "there is no MR.CLAM dataset at /no/folder"),
+        (("mrclam:/no/folder,landmarks=eat",), "has no setting 'landmarks=eat'"),
+    ):
+        done = invoke("evaluate", *arguments)
+        assert done.exit_code == 1, done.output
+        assert words in done.stderr
+    for arguments in (("--filters", "phd,magic"), ("--sensors", "sonar"), ()):
+        assert invoke("evaluate", *([SCENARIO] if arguments else []), *arguments).exit_code == 2
+    # Of what was asked for, what there is.
+    done = invoke("evaluate", camera_less, "--filters", "clairvoyant")
+    assert done.exit_code == 0, done.output
+    assert "lidar+camera" not in done.output
+
+
+def test_a_table_without_a_limit_or_figures_has_dashes():
+    text = table([Accumulator().row("nothing", "0", "phd", "lidar")])
+    (row,) = (line for line in text.splitlines() if "phd" in line)
+    assert row.split()[3:] == ["-"] * 11
+    assert max(map(len, text.splitlines())) <= 115
+    assert math.isnan(Accumulator().row("", "", "", "").gospa_m)

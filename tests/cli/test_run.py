@@ -1,0 +1,137 @@
+"""`swarmloc run` as a person meets it: real processes, real terminals, simulated devices."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from host.cli.main import main
+from host.messages import Bearings, Displacement, Estimate, Health, Scan, Truth
+from host.recording.log import Recording
+
+COMMAND = [sys.executable, "-c", "from host.cli.main import main; main()"]
+LONG_S = 40.0  # a bound on waiting, not on speed
+
+
+def test_without_a_lidar_the_reason_is_on_the_screen_until_it_comes_and_ctrl_c_ends_it(
+    on_screen, tmp_path
+):
+    path = tmp_path / "run.swarmloc"
+    arguments = ("--simulate", "arena4", "--unplug", "lidar=0-1", "--record", str(path))
+    screen = on_screen("run", *arguments)
+    screen.wait_for(lambda text: "lidar" in text and "no such device is plugged in" in text)
+    screen.wait_for(lambda text: re.search(r"lidar +ok +scanning", text))
+    screen.wait_for(lambda text: re.search(r"board +ok", text) and re.search(r"camera +ok", text))
+    screen.wait_for(lambda text: re.search(r"[1-9] teammates? \(\d truly within", text))
+    assert all(len(line) <= 80 for line in screen.lines)
+    screen.type(b"\x03")
+    assert screen.end() == 0
+    assert "Summary" in screen.text
+    assert "Traceback" not in screen.written
+    assert screen.written.rindex("\x1b[?25h") > screen.written.rindex("\x1b[?25l")
+
+    recording = Recording(path)
+    kinds = {type(message) for message in recording.messages()}
+    assert kinds == {Scan, Displacement, Bearings, Estimate, Truth, Health}
+    assert not recording.torn
+    replayed = CliRunner().invoke(main, ["replay", str(path)])
+    assert replayed.exit_code == 0, replayed.output
+    assert re.search(r"[1-9]\d* bit-identical, 0 different", replayed.output)
+
+
+def test_a_lidar_pulled_out_comes_back(tmp_path):
+    figures_path = tmp_path / "figures.json"
+    arguments = ["--unplug", "lidar=4-4.6", "--json", str(figures_path)]
+    wanted = ["lidar ok: scanning", "lidar DOWN: the connection was lost", "lidar ok: scanning"]
+    lines = []
+    with subprocess.Popen(
+        [*COMMAND, "run", "--simulate", "arena4", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.append(line)
+            if wanted and wanted[0] in line:
+                wanted.pop(0)
+                if not wanted:
+                    process.send_signal(signal.SIGTERM)
+    assert process.wait(LONG_S) == 0, lines
+    assert not wanted, lines
+    assert "Summary\n" in lines
+    figures = json.loads(figures_path.read_text())
+    assert figures["devices"]["lidar"]["counts"]["connections"] == 2
+    assert figures["updates"] > 0
+    assert figures["teammates_in_range"] <= 3.0
+
+
+def test_killed_it_leaves_a_recording_that_replays(tmp_path):
+    path = tmp_path / "run.swarmloc"
+    process = subprocess.Popen(
+        [*COMMAND, "run", "--simulate", "arena4", "--sensors", "lidar", "--record", str(path)],
+        stdout=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + LONG_S
+    while not (path.exists() and b'"kind":"estimate"' in path.read_bytes()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    process.kill()
+    process.wait(LONG_S)
+    assert not any(isinstance(message, Bearings) for message in Recording(path).messages())
+    replayed = CliRunner().invoke(main, ["replay", str(path)])
+    assert replayed.exit_code == 0, replayed.output
+    assert re.search(r"[1-9]\d* bit-identical, 0 different", replayed.output)
+
+
+def invoke(*arguments: str):
+    return CliRunner().invoke(main, ["run", *arguments])
+
+
+def test_without_devices_it_goes_on_and_says_what_is_missing(tmp_path: Path):
+    robot = tmp_path / "robot.toml"
+    robot.write_text('[lidar]\nport = "/dev/no-lidar"\n[board]\nport = "/dev/no-board"\n')
+    done = invoke("--robot", str(robot), "--seconds", "0.6")
+    assert done.exit_code == 0
+    assert "lidar DOWN: cannot open /dev/no-lidar; no such device" in done.output
+    assert "board DOWN: cannot open /dev/no-board; no such device" in done.output
+    assert "Summary" in done.output
+
+
+def test_cameras_of_a_real_robot_are_refused_in_words():
+    done = invoke("--sensors", "lidar+camera")
+    assert done.exit_code == 1
+    assert "cameras cannot be used yet" in done.stderr
+
+
+def test_bad_use_is_told_with_exit_code_2():
+    for arguments in (
+        ("--unplug", "lidar=1-2"),
+        ("--simulate", "arena4", "--unplug", "lidar"),
+        ("--simulate", "arena4", "--unplug", "lidar=3-2"),
+        ("--simulate", "arena4", "--unplug", "lidar=x-2"),
+        ("--simulate", "arena4", "--seconds", "-1"),
+        ("--filter", "magic"),
+    ):
+        done = invoke(*arguments)
+        assert done.exit_code == 2, arguments
+        assert "Error" in done.stderr
+
+
+def test_failures_are_told_with_exit_code_1(tmp_path: Path):
+    (tmp_path / "there").write_text("")
+    for arguments, words in (
+        (("--simulate", "atlantis"), "no scenario is called 'atlantis'\nknown: arena4"),
+        (("--simulate", "arena4", "--unplug", "fish=1-2"), "cannot unplug 'fish'"),
+        (("--simulate", "arena4", "--record", str(tmp_path / "there")), "exists already"),
+        (("--robot", str(tmp_path / "none.toml")), "cannot read the configuration"),
+    ):
+        done = invoke(*arguments)
+        assert done.exit_code == 1, done.output
+        assert words in done.stderr
+        assert "Traceback" not in done.output
