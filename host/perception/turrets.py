@@ -105,22 +105,29 @@ def _select(
         (width <= lidar.target_diameter_m + _WIDTH_MARGIN_M)
         & (ranges[first] <= lidar.max_range_m)
         & (size >= np.maximum(2.0, _LEAST_SHARE * expected))
-        & ~_on_wall(points, first, last)
+        & ~_on_wall(points, label, first, last)
     )
     chosen = np.flatnonzero(accepted)
     nearer = np.minimum(ranges[first - 1], ranges[(last + 1) % n]) < ranges[first] - _HIDING_M
     return chosen, first[chosen], last[chosen], nearer[chosen].astype(float)
 
 
-def _on_wall(points: FloatArray, first: IntArray, last: IntArray) -> BoolArray:
+def _on_wall(points: FloatArray, label: IntArray, first: IntArray, last: IntArray) -> BoolArray:
     """Whether clusters (k,) from sample `first` to `last` lie on a line with what is around them.
 
     A piece of wall between two gaps is as small as a turret, but the wall goes on beside it.
     """
     n = len(points)
     middle = 0.5 * (points[first] + points[last])
-    left = [points[first - k] for k in (1, _RUN // 2, _RUN)]
-    right = [points[(last + k) % n] for k in (1, _RUN // 2, _RUN)]
+    nowhere = 10.0 * _LINE_REACH_M  # further than any neighbour that counts
+
+    def beside(index: IntArray) -> FloatArray:
+        # Where little else returned, one comes around to the cluster itself.
+        itself = label[index] == label[first]
+        return np.where(itself[:, None], middle + nowhere, points[index])
+
+    left = [beside((first - k) % n) for k in (1, _RUN // 2, _RUN)]
+    right = [beside((last + k) % n) for k in (1, _RUN // 2, _RUN)]
     found = np.zeros(len(first), dtype=bool)
     # Three returns of the wall make a line: all on one side, or two on one and one on the other.
     for a, b, c in (left, right, (left[0], left[1], right[0]), (right[0], right[1], left[0])):
