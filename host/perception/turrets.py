@@ -39,24 +39,22 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     reach = np.where(returned, scan.ranges, 1.0)  # a null sample still has a direction
     beams = np.stack((reach * np.cos(scan.angles), reach * np.sin(scan.angles)), axis=1)
     points = path.carry(to_parent(beams, mounting), scan.times, scan.time)
-    origins = path.carry(np.broadcast_to(mounting[:2], points.shape), scan.times, scan.time)
     clearance = clearance_profile(points, returned)
-    points, origins = points[returned], origins[returned]
-    ranges, times = scan.ranges[returned], scan.times[returned]
+    points, ranges, times = points[returned], scan.ranges[returned], scan.times[returned]
     if len(points) < 3:
         none = np.zeros((0, 2))
         return Positions(scan.time, none, np.zeros((0, 2, 2)), np.zeros(0), clearance)
     label = _clusters(points)
     # Begin between two clusters, so that the samples of each are in the order they were taken.
     start = int(np.argmax(label != label[-1]))
-    points, origins = np.roll(points, -start, axis=0), np.roll(origins, -start, axis=0)
-    ranges, times = np.roll(ranges, -start), np.roll(times, -start)
-    label = np.roll(label, -start)
+    turn = (np.arange(len(points)) + start) % len(points)
+    points, ranges, times, label = points[turn], ranges[turn], times[turn], label[turn]
     chosen, first, last, hidden = _select(points, ranges, label, lidar)
     member = np.flatnonzero(np.isin(label, chosen))
     group = np.searchsorted(chosen, label[member])
+    origins = path.carry(np.broadcast_to(mounting[:2], (len(first), 2)), times[first], scan.time)
     centres, covariances = _fit_circles(
-        points[member], origins[first], group, 0.5 * (points[first] + points[last]), hidden, lidar
+        points[member], origins, group, 0.5 * (points[first] + points[last]), hidden, lidar
     )
     lags = np.maximum(scan.time - 0.5 * (times[first] + times[last]), 0.0)
     return Positions(scan.time, centres, covariances, lags, clearance)
