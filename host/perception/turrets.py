@@ -1,8 +1,8 @@
 """Scan → where lidar turrets of teammates may be (Perera 2021 ch. 5.6, Belaroussi 2024 4.3.1).
 
 A turret is a cylinder of known diameter that stands free. Returns are clustered by distance; a
-cluster that is no wider than a turret, does not lie on the line of its neighbours and fits the
-circle is a candidate. The centre is that of the fitted circle, not the mean of the visible arc,
+cluster that is no wider than a turret, has returns enough for one and does not lie on the line
+of its neighbours is a candidate. The centre is that of the fitted circle, not the mean of the visible arc,
 which lies about half a radius too near.
 """
 
