@@ -81,7 +81,13 @@ class State:
 def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
     """The whole screen as lines of at most `width` columns."""
     width = min(width, _WIDEST)
-    return [*_header(state, paint), "", *_table(state, paint), "", *_devices(state, width, paint)]
+    return [
+        *_header(state, width, paint),
+        "",
+        *_table(state, paint),
+        "",
+        *_devices(state, width, paint),
+    ]
 
 
 def line(state: State) -> str:
@@ -104,15 +110,15 @@ def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
     return errors
 
 
-def _header(state: State, paint: Paint) -> list[str]:
+def _header(state: State, width: int, paint: Paint) -> list[str]:
     minutes, seconds = divmod(state.seconds, 60.0)
     clock = f"{minutes:02.0f}:{seconds:04.1f}" if minutes < 100 else f"{minutes:.0f} min"
     factor = (
         "" if math.isnan(state.real_time_factor) else f"   real time x{state.real_time_factor:.2f}"
     )
     return [
-        paint(f"swarmloc   {state.title}", "bold"),
-        f"{clock}   filter {state.filter_name}   sensors {state.sensors}{factor}",
+        paint(f"swarmloc   {state.title}"[:width], "bold"),
+        f"{clock}   filter {state.filter_name}   sensors {state.sensors}{factor}"[:width],
     ]
 
 

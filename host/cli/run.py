@@ -164,14 +164,15 @@ def _run(
     update_seconds: list[float] = []
     profile = rig.config.filter.profile
     localizer = Localizer(rig.config, Timed(profiles.make(profile, rig.config), update_seconds))
-    tally = Tally()
+    tally, title = Tally(), rig.title
     with contextlib.ExitStack() as stack:
         sinks: dict[str, Sink] = {"summary": tally.take}
         if record is not None:
             header = Header(rig.config, rig.sensors, rig.scenario)
             recorder = stack.enter_context(Recorder(record, header))
             sinks["recording"] = recorder.write
-        console = Console(State(rig.title, profile, rig.sensors), sys.stdout)
+            title += f"   recording {record.name}"
+        console = Console(State(title, profile, rig.sensors), sys.stdout)
         stack.callback(console.close)
         sinks["screen"] = console.take
         begin, begin_cpu = time.monotonic(), time.process_time()

@@ -23,7 +23,7 @@ KEYS = [
     *("false", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error", "anees"),
     *("update_ms_median", "update_ms_p99"),
 ]
-SCENARIO = "arena4:seconds=9,seed=2"
+SCENARIO = "arena4:seconds=7,seed=2"
 
 
 def invoke(*arguments):
@@ -82,7 +82,7 @@ def test_a_simulated_recording_holds_truth_at_every_scan(recording, tmp_path):
     messages = list(Recording(recording).messages())
     truths = {m.time for m in messages if isinstance(m, Truth)}
     scans = [m.time for m in messages if type(m).__name__ == "Scan"]
-    assert len(scans) > 50
+    assert len(scans) > 40
     assert truths.issuperset(scans)
     assert Recording(recording).header.scenario == SCENARIO
     again = tmp_path / "again.swarmloc"
@@ -181,14 +181,14 @@ def test_a_torn_recording_replays_and_says_so(recording, tmp_path):
 
 
 def test_a_replay_at_speed_shows_the_screen(recording):
-    done = invoke("replay", recording, "--speed", "8")
+    done = invoke("replay", recording, "--speed", "4")
     assert done.exit_code == 0, done.output
     assert re.search(r"1\.\d s +\d teammates? \(\d truly within 2.0 m", done.output)
 
 
 def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
     path = tmp_path / "rows.json"
-    sources = ("arena4:seconds=9,seed=1", SCENARIO, str(recording))
+    sources = ("arena4:seconds=7,seed=1", SCENARIO, str(recording))
     done = invoke("evaluate", *sources, "--filters", "phd,clairvoyant", "--json", path)
     assert done.exit_code == 0, done.output
     rows = json.loads(path.read_text())
@@ -231,7 +231,7 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
     for arguments, words in (
         ((blind,), "it holds no truth"),
         ((camera_less, "--sensors", "lidar+camera"), "no readings of lidar+camera"),
-        (("arena4:seconds=9", "atlantis"), "no scenario is called 'atlantis'"),
+        (("arena4:seconds=7", "atlantis"), "no scenario is called 'atlantis'"),
         (("mrclam:/no/folder",), "there is no MR.CLAM dataset at /no/folder"),
         (("mrclam:/no/folder,landmarks=eat",), "has no setting 'landmarks=eat'"),
     ):

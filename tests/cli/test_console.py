@@ -101,6 +101,7 @@ def test_everything_fits_and_no_word_of_a_reason_is_lost(width):
         Health(1.0, "lidar", False, LONG_REASON, {}),
     )
     state.seconds, state.real_time_factor = 5999.0, 1.0
+    state.title = "a_name_" * 20
     lines = frame(state, width)
     assert max(map(len, lines)) <= min(width, 100)
     told = " ".join(" ".join(lines[-5:]).split())
