@@ -124,7 +124,7 @@ def run(
     for name, error in failures.items():
         if isinstance(error, UserError):
             raise error
-        raise RuntimeError(f"the {name} ended before its time") from error
+        raise RuntimeError(f"the {name} failed ({type(error).__name__}: {error})") from error
 
 
 def _real(robot: RobotConfig, sensors: str | None) -> Rig:

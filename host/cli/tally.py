@@ -20,8 +20,8 @@ class Tally:
         self.reported = 0
         self.health: dict[str, Health] = {}
         self._estimate: Estimate | None = None
-        self._within: list[int] = []
-        self._errors: list[float] = []
+        self._truths = self._within = 0
+        self._errors, self._error_sum_m = 0, 0.0
 
     def take(self, message: Message) -> None:
         """Count a message; truth follows the estimate it belongs to."""
@@ -32,10 +32,11 @@ class Tally:
         elif isinstance(message, Health):
             self.health[message.device] = message
         elif isinstance(message, Truth) and self._estimate is not None:
-            distance = np.linalg.norm(message.positions, axis=1)
-            self._within.append(int(np.sum(distance <= RANGE_M)))
+            self._truths += 1
+            self._within += int(np.sum(np.linalg.norm(message.positions, axis=1) <= RANGE_M))
             errors = errors_m(self._estimate, message)
-            self._errors += errors[~np.isnan(errors)].tolist()
+            self._errors += int(np.sum(~np.isnan(errors)))
+            self._error_sum_m += float(np.nansum(errors))
 
     def figures(self) -> dict[str, Any]:
         """Means over all estimates, by name."""
@@ -43,9 +44,9 @@ class Tally:
             "updates": self.estimates,
             "teammates_reported": _mean(self.reported, self.estimates),
         }
-        if self._within:
-            figures["teammates_in_range"] = _mean(sum(self._within), len(self._within))
-            figures["mean_error_mm"] = _mean(1000.0 * sum(self._errors), len(self._errors))
+        if self._truths:
+            figures["teammates_in_range"] = _mean(self._within, self._truths)
+            figures["mean_error_mm"] = _mean(1000.0 * self._error_sum_m, self._errors)
         return figures
 
     def devices(self) -> dict[str, dict[str, Any]]:
