@@ -59,7 +59,7 @@ PRUNE_WEIGHT = 1e-3  # less costs Stone Soup time and gains it nothing
 WARM_UP = 4  # scans that do not count
 
 # Scans taken in turns, by number of targets: the last cost Stone Soup seconds each.
-SCANS = {4: 150, 20: 100, 100: 24, 500: 8}
+SCANS = {4: 104, 20: 64, 100: 14, 500: 6}
 SCANS_ALONE = 300
 
 LEAST_RATIO = 100.0
