@@ -2,8 +2,8 @@
 
 A turret is a cylinder of known diameter that stands free. Returns are clustered by distance; a
 cluster that is no wider than a turret, has returns enough for one and does not lie on the line
-of its neighbours is a candidate. The centre is that of the fitted circle, not the mean of the visible arc,
-which lies about half a radius too near.
+of its neighbours is a candidate. The centre is that of the fitted circle, not the mean of the
+visible arc, which lies most of a radius too near.
 """
 
 import math
@@ -45,8 +45,11 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
         none = np.zeros((0, 2))
         return Positions(scan.time, none, np.zeros((0, 2, 2)), np.zeros(0), clearance)
     label = _clusters(points)
-    # Begin between two clusters, so that the samples of each are in the order they were taken.
-    start = int(np.argmax(label != label[-1]))
+    # Begin between two clusters, so that the samples of each are in the order they were taken;
+    # where all is one cluster, behind its widest gap.
+    steps = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
+    other = label != label[-1]
+    start = int(np.argmax(other if other.any() else steps))
     turn = (np.arange(len(points)) + start) % len(points)
     points, ranges, times, label = points[turn], ranges[turn], times[turn], label[turn]
     chosen, first, last, hidden = _select(points, ranges, label, lidar)
@@ -97,7 +100,9 @@ def _select(
     begin = np.flatnonzero(np.diff(label[order], prepend=-1))
     size = np.diff(begin, append=n)
     first, last = order[begin], order[begin + size - 1]
-    width = np.hypot(*(points[last] - points[first]).T)
+    # Not from first to last: a wall all around ends where it begins.
+    spread = np.hypot(*(points[order] - np.repeat(points[first], size, axis=0)).T)
+    width = np.maximum.reduceat(spread, begin)
     expected = lidar.target_diameter_m / ranges[first] * n / (2.0 * math.pi)
     accepted = (
         (width <= lidar.target_diameter_m + _WIDTH_MARGIN_M)
