@@ -9,9 +9,9 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Literal, cast
+from typing import Annotated, Literal, Self, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from host.errors import UserError
@@ -20,7 +20,7 @@ from host.errors import UserError
 class Section(BaseModel):
     """A table of robot.toml: immutable, unknown keys refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 class Wheels(Section):
@@ -49,6 +49,13 @@ class BlindSector(Section):
     width_rad: float = Field(gt=0.0, lt=math.pi)
 
 
+# TOML has lists where the configuration, which does not change, has tuples.
+BlindSectors = Annotated[
+    tuple[BlindSector, ...],
+    BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
+]
+
+
 def _pillars() -> tuple[BlindSector, ...]:
     degrees = (45.0, 135.0, -135.0, -45.0)
     return tuple(
@@ -73,7 +80,7 @@ class Lidar(Section):
     half_range_m: float = Field(2.8, gt=0.1, lt=1000.0)  # where it has fallen to one half
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
     clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections a turn
-    blind_sectors: tuple[BlindSector, ...] = Field(default_factory=_pillars)
+    blind_sectors: BlindSectors = Field(default_factory=_pillars)
 
 
 class Camera(Section):
@@ -92,7 +99,8 @@ class Filter(Section):
     """Which filter runs, and the settings of `phd` (docs/filters.md tells how they were chosen)."""
 
     profile: Literal["phd", "perera2021"] = "phd"
-    motion_noise_m: float = Field(0.11, gt=0.0, lt=5.0)  # std per axis after 1 s
+    motion_noise_m: float = Field(0.07, gt=0.0, lt=5.0)  # std per axis after 1 s
+    motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # of its square, while unseen
     obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # of the things that appear, not teammates
     birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear, an update
     survival_range_m: float = Field(3.0, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
@@ -101,9 +109,15 @@ class Filter(Section):
     forget_weight: float = Field(0.15, gt=0.0, lt=1.0)  # ... until it falls below this
     report_sigma_m: float = Field(0.25, gt=0.0, lt=10.0)  # and not where known worse than this
     prune_weight: float = Field(2e-4, gt=0.0, lt=0.1)
-    merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared Mahalanobis
+    merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared, in units of the mean variance
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis
     capacity: int = Field(3000, ge=10, le=100_000)  # components
+
+    @model_validator(mode="after")
+    def _forget_below_report(self) -> Self:
+        if self.forget_weight > self.report_weight:
+            raise ValueError(f"forget_weight must be at most report_weight ({self.report_weight})")
+        return self
 
 
 class RobotConfig(Section):
@@ -152,6 +166,12 @@ def _explain(detail: ErrorDetails, text: str) -> str:
     where = f"line {_line_of(location, text)}: {key}"
     if detail["type"] == "extra_forbidden":
         return f"{where}: no such setting{_suggestion(location)}"
+    if detail["type"] == "missing":
+        return f"{where} is missing"
+    if detail["type"] == "model_type":
+        return f"{where} must be a table: write [{key}] above its settings"
+    if detail["type"] == "value_error":
+        return f"{where}: {detail['ctx']['error']}"
     return f"{where} = {detail['input']!r}: {detail['msg'].lower()}"
 
 
@@ -196,6 +216,7 @@ def _line_of(location: list[int | str], text: str) -> int:
             if not key:
                 continue
             path = table + [part.strip("\"'") for part in key[1].split(".")]
-        if path == names[: len(path)] and len(path) > best[0]:
-            best = (len(path), number)
+        common = min(len(path), len(names))  # a header may go deeper than the unknown table
+        if path[:common] == names[:common] and common > best[0]:
+            best = (common, number)
     return best[1]

@@ -87,7 +87,9 @@ def test_out_of_range_names_key_line_and_bound(
     )
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1979-05-27", "[1.0]", "{}", '"wide"'])
+@pytest.mark.parametrize(
+    "value", ["nan", "inf", "-inf", "1979-05-27", "[1.0]", "{}", "true", '"0.1"']
+)
 def test_what_is_no_number_is_refused(value: str) -> None:
     assert "line 2: wheels.track_m = " in complaint(f"[wheels]\ntrack_m = {value}")
 
@@ -107,10 +109,20 @@ def test_what_is_no_number_is_refused(value: str) -> None:
         ("zzz = 1", "line 1: zzz: no such setting; known here: name, wheels"),
         ('[filter]\nprofile = "pdh"', "line 2: filter.profile = 'pdh'"),
         ("wheels.track_cm = 14.4", "line 1: wheels.track_cm: no such setting; the unit is wrong"),
+        ("name = 1\n[a.b]\nx = 1", "line 2: a: no such setting"),
     ],
 )
 def test_an_unknown_word_is_told_with_its_line_and_a_guess(text: str, words: str) -> None:
     assert words in complaint(text)
+
+
+def test_shapes_other_than_the_settings_are_told() -> None:
+    assert "line 1: wheels must be a table: write [wheels]" in complaint("wheels = 3")
+    missing = complaint("[[lidar.blind_sectors]]\ncentre_rad = 0.1")
+    assert "line 1: lidar.blind_sectors.0.width_rad is missing" in missing
+    assert "line 2: wheels.counts_per_turn = 1920.5" in complaint(
+        "[wheels]\ncounts_per_turn = 1920.5"
+    )
 
 
 def test_the_line_is_that_of_the_right_block_among_several() -> None:
@@ -162,3 +174,8 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
         told = str(error)
     last = max(1, len(text.splitlines()))
     assert all(1 <= int(line) <= last for line in re.findall(r"^line (\d+):", told, re.MULTILINE))
+
+
+def test_a_filter_cannot_forget_before_it_reports():
+    with pytest.raises(UserError, match=r"line 1: filter: forget_weight must be at most"):
+        config.parse("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")

@@ -30,20 +30,12 @@ class Clairvoyant:
     """One Kalman filter per identity, position as a random walk.
 
     process_noise: m²/s per axis. forget_s: a teammate unseen for longer is no longer reported.
-    birth_range_m, birth_range_std_m: where a teammate is put that only a bearing has shown.
+    A teammate is known from its first position on: a bearing alone does not tell how far it is.
     """
 
-    def __init__(
-        self,
-        process_noise: float = 0.005,
-        forget_s: float = 5.0,
-        birth_range_m: float = 1.5,
-        birth_range_std_m: float = 1.0,
-    ) -> None:
+    def __init__(self, process_noise: float = 0.0121, forget_s: float = 5.0) -> None:
         self._process_noise = process_noise
         self._forget_s = forget_s
-        self._birth_range = birth_range_m
-        self._birth_range_variance = birth_range_std_m**2
         self._time = 0.0
         self._identities = np.zeros(0, dtype=np.int64)
         self._positions = np.zeros((0, 2))
@@ -72,8 +64,8 @@ class Clairvoyant:
             track = int(found[0]) if len(found) else None
             if isinstance(measurement, Positions):
                 self._use_position(measurement, int(reading), identity, track)
-            else:
-                self._use_bearing(measurement, int(reading), identity, track)
+            elif track is not None:
+                self._use_bearing(measurement, int(reading), track)
 
     def _use_position(
         self, measured: Positions, reading: int, identity: int, track: int | None
@@ -91,16 +83,10 @@ class Clairvoyant:
         self._covariances[track] = _symmetric(prior - gain @ prior)
         self._ages[track] = 0.0
 
-    def _use_bearing(
-        self, measured: Bearings, reading: int, identity: int, track: int | None
-    ) -> None:
+    def _use_bearing(self, measured: Bearings, reading: int, track: int) -> None:
         """Extended Kalman update, H = (-y, x) / r² (Perera 2021 eq. 25-28, repaired)."""
         bearing, variance = float(measured.bearings[reading]), float(measured.variances[reading])
-        origin = np.array(measured.origin)
-        if track is None:
-            self._begin_on_ray(identity, origin, bearing, variance)
-            return
-        x, y = self._positions[track] - origin
+        x, y = self._positions[track] - np.array(measured.origin)
         squared = float(x * x + y * y)
         if squared < 1e-6:
             return  # a teammate at the rays' origin: its direction tells nothing
@@ -117,14 +103,6 @@ class Clairvoyant:
         self._positions = np.concatenate((self._positions, position[None]))
         self._covariances = np.concatenate((self._covariances, covariance[None]))
         self._ages = np.append(self._ages, 0.0)
-
-    def _begin_on_ray(
-        self, identity: int, origin: FloatArray, bearing: float, variance: float
-    ) -> None:
-        turn = rotation(bearing)
-        across = self._birth_range**2 * variance
-        spread = turn @ np.diag([self._birth_range_variance, across]) @ turn.T
-        self._begin(identity, origin + turn[:, 0] * self._birth_range, spread)
 
     def estimate(self) -> Estimate:
         """Every teammate seen in the last forget_s; labels are the identities."""

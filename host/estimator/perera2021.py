@@ -7,7 +7,7 @@ merging. Reported is what weighs more than 0.1 (ch. 6).
 
 Forced repairs, without which it cannot run at all:
  1. eq. 7–8: R(dpsi) is right for the clockwise dpsi of eq. 32; ours is counter-clockwise.
- 2. eq. 8: Q is not given; 1 cm per axis at each update.
+ 2. eq. 8: Q is not given; 5 cm per axis at each update, as R of eq. 17 (docs/filters.md).
  3. eq. 15, 27: divided by the sum that eq. 6 has below the line; else weights grow without end.
  4. eq. 20–23: products over the pillars, robots and null runs where sums are printed (a sum of
     four gives P_D near 4; an empty one gives 0); kernels of unit peak; angles wrapped; weights
@@ -39,7 +39,7 @@ from host.estimator.gaussian_mixture import (
 from host.geometry import SECTORS, wrap
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
-_SYSTEM_NOISE_M2 = 0.01**2
+_SYSTEM_NOISE_M2 = 0.05**2
 _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT = 4.0, 0.001  # eq. 11
 _LIDAR_VARIANCE_M2 = 0.0025  # eq. 17
 _BEARING_VARIANCE_RAD2 = math.radians(5.0) ** 2  # eq. 28

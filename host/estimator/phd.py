@@ -30,7 +30,8 @@ from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray
 
 TEAMMATE, OBSTACLE = 0, 1
 _MIXTURE = slice(0, 2 * ROWS)  # of the state: the rows of both kinds, as (ROWS, 2, n)
-# Then s of the last reading, 1 if reported, a number to know it by, index of the parent.
+# Then time of the last position reading (s), 1 if reported, a number to know it by (0 until it is
+# reported), index of the parent.
 SEEN, CONFIRMED, LABEL, PARENT = range(2 * ROWS, 2 * ROWS + 4)
 _STATE = 2 * ROWS + 4
 _FADE_S = 1.0  # mean survival beyond the survival range
@@ -66,7 +67,11 @@ class PhdFilter:
         """Eq. 7–10 repaired: carry, spread teammates (not obstacles), fade what is far."""
         rows, settings, dt = self._rows, self._settings, motion.interval
         self._time = motion.time
-        carry(rows, motion, np.array([[settings.motion_noise_m**2 * dt], [0.0]]))
+        unseen = self._time - self._state[SEEN]
+        rate = settings.motion_noise_m**2 * (1.0 + settings.motion_growth_per_s * unseen)
+        noise = np.zeros((2, len(rate)))
+        noise[TEAMMATE] = rate * dt
+        carry(rows, motion, noise)
         far = np.hypot(rows[X, TEAMMATE], rows[Y, TEAMMATE]) > settings.survival_range_m
         rows[WEIGHT] *= np.exp(-dt / settings.survival_s - far * (dt / _FADE_S))
 
@@ -158,7 +163,6 @@ class PhdFilter:
         total = rows[WEIGHT].sum(axis=0)
         rows[:, TEAMMATE] = match_moments(family, parent, prior[: Y + 1].copy())
         rows[WEIGHT] *= total / rows[WEIGHT].sum(axis=0)
-        self._state[SEEN, i[support > others]] = measured.time
         self._confirm()
 
     def _surroundings(
@@ -206,17 +210,16 @@ class PhdFilter:
         self._state = merged.take(keep, axis=1)
 
     def _inherit(self, parents: int) -> None:
-        """Leave label and memory of each parent to its heaviest heir; the others start afresh."""
+        """Leave label and memory of each parent to its heaviest heir; the others start without."""
         state, weights = self._state, self._rows[WEIGHT]
         parent = state[PARENT].astype(np.int64)
         order = (weights[TEAMMATE] + weights[OBSTACLE]).argsort()
         heir = np.empty(parents + 1, dtype=np.int64)
         heir[parent.take(order)] = order
         heir[parents] = -1
-        new = (heir.take(parent) != np.arange(len(parent))).nonzero()[0]
-        state[CONFIRMED, new] = 0.0
-        state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
-        self._next_label += len(new)
+        own = heir.take(parent) == np.arange(len(parent))
+        state[CONFIRMED] *= own
+        state[LABEL] *= own
         self._confirm()
 
     def _confirm(self) -> None:
@@ -225,7 +228,12 @@ class PhdFilter:
         np.maximum(weight, _LEAST_SHARE * (weight[TEAMMATE] + weight[OBSTACLE]), out=weight)
         drop = settings.report_weight - settings.forget_weight
         needed = settings.report_weight - drop * self._state[CONFIRMED]
-        self._state[CONFIRMED] = weight[TEAMMATE] > needed
+        confirmed = weight[TEAMMATE] > needed
+        self._state[CONFIRMED] = confirmed
+        new = (confirmed > self._state[LABEL]).nonzero()[0]
+        if len(new):
+            self._state[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
+            self._next_label += len(new)
 
     def estimate(self) -> Estimate:
         """Teammates reported: once above report_weight, until below forget_weight or lost."""
