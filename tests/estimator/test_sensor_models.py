@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -168,7 +169,7 @@ def test_clearance_agrees_with_rays_cast_along_the_edges_of_every_sector(seed, n
     clearance = clearance_of(bearings, distances, present, 0.065)
     seen = bearings[present], distances[present]
     rays = [cast(math.radians(edge - 180), *seen, 0.065) for edge in range(SECTORS + 1)]
-    for sector, (before, after) in enumerate(zip(rays[:-1], rays[1:], strict=True)):
+    for sector, (before, after) in enumerate(itertools.pairwise(rays)):
         filling = [seen[1][k] for k in before & after]
         touching = [seen[1][k] for k in before | after]
         assert clearance[sector] <= min(filling, default=math.inf)
