@@ -178,4 +178,4 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
 
 def test_a_filter_cannot_forget_before_it_reports():
     with pytest.raises(UserError, match=r"line 1: filter: forget_weight must be at most"):
-        config.parse("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
+        parse("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
