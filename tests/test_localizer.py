@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable
+from typing import TypeGuard
 
 import numpy as np
 import pytest
@@ -243,7 +244,7 @@ def simulated() -> list[Message]:
     return list(Simulation(parse("arena4:seconds=20,seed=4"), CONFIG).messages())
 
 
-def drives_or_measures(message: Message) -> bool:
+def drives_or_measures(message: Message) -> TypeGuard[Measurement | Displacement]:
     return isinstance(message, Scan | Bearings | Positions | Displacement)
 
 
