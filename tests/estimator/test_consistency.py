@@ -30,6 +30,7 @@ WARM_UP = 10
 
 SETTINGS = Filter(
     motion_noise_m=MOTION_M,
+    motion_growth_per_s=0.0,
     obstacle_share=0.0,
     birth_per_m2=BIRTH,
     survival_range_m=50.0,

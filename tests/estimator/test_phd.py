@@ -12,7 +12,9 @@ from host.messages import Bearings, Displacement, Positions
 
 RATE_HZ = 7.0
 PLAIN_VIEW = np.full(360, 100.0)  # the lidar sees past everything
-ONLY_TEAMMATES = Filter(obstacle_share=0.0)
+# What these tests rely on, whatever the defaults are tuned to.
+RANDOM_WALK = {"motion_noise_m": 0.1, "motion_growth_per_s": 0.0, "obstacle_share": 0.0}
+ONLY_TEAMMATES = Filter(**RANDOM_WALK)
 MOST = 1.02  # neither kind of thing is ever ruled out, which may add a hundredth
 
 
@@ -92,6 +94,7 @@ EVERYTHING = {
     "obstacle_share": 0.0,
     "birth_per_m2": BIRTH,
     "motion_noise_m": 1e-6,
+    "motion_growth_per_s": 0.0,
     "survival_range_m": 50.0,
     "survival_s": 1e6,
     "report_weight": 2e-9,
@@ -228,8 +231,8 @@ def test_a_teammate_that_was_not_told_apart_once_is_still_reported():
 
 def test_without_a_clearance_one_miss_is_forgiven_where_the_settings_say_so():
     lidar = Lidar(detection_probability=0.9)
-    forgiving = Filter(obstacle_share=0.0, forget_weight=0.05)
-    strict = Filter(obstacle_share=0.0, forget_weight=0.15)
+    forgiving = Filter(**RANDOM_WALK, forget_weight=0.05)
+    strict = Filter(**RANDOM_WALK, forget_weight=0.15)
     for choice, count in ((forgiving, 1), (strict, 0)):
         run = tracking([1.0, 0.0], choice, lidar)
         assert len(run.scan([], clearance=None).positions) == count
@@ -283,10 +286,22 @@ def test_one_that_is_no_longer_known_well_enough_is_not_reported_until_seen_agai
     assert run.scan([[1.0, 0.0]]).labels.tolist() == [label]
 
 
+@pytest.mark.parametrize("growth", [0.0, 3.0])
+def test_the_longer_it_is_unseen_the_faster_it_is_known_less(growth):
+    """Its variance grows at the rate q² (1 + growth · time unseen)."""
+    choice = {**RANDOM_WALK, "motion_growth_per_s": growth, "report_sigma_m": 5.0}
+    run = tracking([1.0, 0.0], Filter(**choice))
+    before = run.estimate().covariances[0]
+    for _ in range(2000):
+        run.wait(0.001)
+    expected = before + 0.1**2 * (2.0 + growth * 2.0**2 / 2.0) * np.eye(2)
+    assert run.estimate().covariances[0] == pytest.approx(expected, rel=1e-2)
+
+
 def test_beyond_the_survival_range_it_fades_within_seconds():
     near, far = (
         tracking(
-            [1.0, 0.0], Filter(obstacle_share=0.0, survival_range_m=reach, motion_noise_m=0.02)
+            [1.0, 0.0], Filter(**{**RANDOM_WALK, "motion_noise_m": 0.02}, survival_range_m=reach)
         )
         for reach in (3.0, 0.9)
     )
@@ -327,7 +342,7 @@ def test_two_teammates_side_by_side_are_two():
 
 
 def test_a_bearing_pulls_the_estimate_onto_its_ray_from_where_the_ray_started():
-    run = tracking([2.0, 0.0], Filter(obstacle_share=0.0, report_sigma_m=1.0))
+    run = tracking([2.0, 0.0], Filter(**RANDOM_WALK, report_sigma_m=1.0))
     run.wait(3.0)
     origin, target = np.array([0.3, -0.6]), np.array([2.0, 0.15])
     toward = target - origin
@@ -420,7 +435,7 @@ def test_it_does_not_matter_which_sensor_of_an_instant_comes_first():
 def test_cameras_follow_a_teammate_that_the_lidar_does_not_see():
     """It walks across behind a pillar of the lidar's own."""
     lidar = Lidar(blind_sectors=(BlindSector(centre_rad=0.0, width_rad=1.0),))
-    generous = Filter(obstacle_share=0.0, report_sigma_m=2.0)
+    generous = Filter(**RANDOM_WALK, report_sigma_m=2.0)
     errors = []
     for cameras in (True, False):
         random, run = np.random.default_rng(2), Run(generous, lidar)
@@ -565,7 +580,7 @@ def test_readings_from_very_far_or_on_the_robot_itself_do_no_harm():
 
 
 def test_the_capacity_holds_the_heaviest():
-    run = Run(Filter(obstacle_share=0.0, capacity=10))
+    run = Run(Filter(**RANDOM_WALK, capacity=10))
     random = np.random.default_rng(0)
     teammates = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
     for _ in range(10):
@@ -604,7 +619,7 @@ def test_whatever_comes_the_estimates_are_sound(seed):
 
 def test_a_moving_robot_keeps_a_standing_teammate_where_it_is():
     """The robot drives a circle; nothing is seen any more, the estimate follows by odometry."""
-    run = tracking([1.0, 0.5], Filter(obstacle_share=0.0, motion_noise_m=0.01))
+    run = tracking([1.0, 0.5], Filter(**{**RANDOM_WALK, "motion_noise_m": 0.01}))
     step = Displacement(0.0, 0.1, 0.05, 0.0, 0.2)
     pose = np.zeros(3)
     for _ in range(20):

@@ -79,6 +79,7 @@ LIDAR = Lidar(
 )
 FILTER = Filter(
     motion_noise_m=MOTION_M,
+    motion_growth_per_s=0.0,
     obstacle_share=0.0,
     birth_per_m2=BIRTH_PER_M2,
     survival_range_m=50.0,
