@@ -10,6 +10,7 @@ from host.geometry import Path, wrap
 from host.messages import Displacement, Scan
 
 Array = NDArray[np.float64]
+Walls = list[tuple[tuple[float, float], tuple[float, float]]]  # from (x, y) to (x, y) m
 SAMPLE_RATE_HZ = 5000.0
 SAMPLES = 714  # of a turn at 7 Hz
 TURN_S = SAMPLES / SAMPLE_RATE_HZ
@@ -17,10 +18,10 @@ TURN_S = SAMPLES / SAMPLE_RATE_HZ
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands in the world. circles: (x, y, radius) m; walls: (x, y) to (x, y) m."""
+    """What stands in the world. circles: (x, y, radius) m."""
 
     circles: list[tuple[float, float, float]] = field(default_factory=list)
-    walls: list[tuple[tuple[float, float], tuple[float, float]]] = field(default_factory=list)
+    walls: Walls = field(default_factory=list)
 
     def distances(self, origins: Array, directions: Array) -> Array:
         """How far (n,) m rays from (n, 2) along unit directions (n, 2) go; inf past everything."""

@@ -15,17 +15,26 @@ from host.geometry import SECTORS, Path
 from host.messages import Positions, Scan
 from host.perception import turrets
 from host.simulation.raycast import x4_beams
-from tests.perception.scene import SAMPLE_RATE_HZ, STANDING, TURN_S, Array, Drive, Scene, take_turn
+from tests.perception.scene import (
+    SAMPLE_RATE_HZ,
+    STANDING,
+    TURN_S,
+    Array,
+    Drive,
+    Scene,
+    Walls,
+    take_turn,
+)
 from tests.x4_turns import NEXT_TURN
 
 LIDAR = Lidar()
 RADIUS = LIDAR.target_diameter_m / 2.0
-ROOM = [((-3, -3), (-3, 3)), ((-3, 3), (3, 3)), ((3, 3), (3, -3)), ((3, -3), (-3, -3))]
+ROOM: Walls = [((-3, -3), (-3, 3)), ((-3, 3), (3, 3)), ((3, 3), (3, -3)), ((3, -3), (-3, -3))]
 BEARINGS = np.linspace(-math.pi, math.pi, 41)
 
 
 def polar(distance: float, bearing: float) -> Array:
-    return distance * np.array([math.cos(bearing), math.sin(bearing)])
+    return np.array([distance * math.cos(bearing), distance * math.sin(bearing)])
 
 
 def turret(place: Array) -> tuple[float, float, float]:
@@ -48,7 +57,7 @@ def with_ranges(scan: Scan, ranges: Array) -> Scan:
 @pytest.mark.parametrize("walls", [[], ROOM], ids=["open", "room"])
 @pytest.mark.parametrize("distance", [0.2, 0.4, 0.8, 1.3, 1.9, 2.4])
 def test_the_centre_is_that_of_the_cylinder_not_of_its_visible_arc(
-    distance: float, walls: list[tuple[tuple[float, float], tuple[float, float]]]
+    distance: float, walls: Walls
 ) -> None:
     radial, arc = [], []
     for bearing in BEARINGS:
@@ -136,7 +145,7 @@ def test_the_mounting_is_applied() -> None:
         assert np.hypot(*(only_one(find(scan, lidar)) - place)) < 0.003
 
 
-def box(x: float, y: float, side: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+def box(x: float, y: float, side: float) -> Walls:
     h = side / 2.0
     corners = [(x - h, y - h), (x + h, y - h), (x + h, y + h), (x - h, y + h)]
     return list(zip(corners, [*corners[1:], corners[0]], strict=True))
@@ -213,7 +222,7 @@ def test_beyond_the_greatest_range_is_not_reported() -> None:
 
 @pytest.mark.parametrize("walls", [[], ROOM], ids=["open", "room"])
 def test_where_a_turn_begins_does_not_matter(
-    walls: list[tuple[tuple[float, float], tuple[float, float]]],
+    walls: Walls,
 ) -> None:
     scene = Scene([turret(polar(0.7, math.pi)), turret(polar(1.1, 0.5))], walls)
     whole = take_turn(scene)
