@@ -67,7 +67,7 @@ class PhdFilter:
         """Eq. 7–10 repaired: carry, spread teammates (not obstacles), fade what is far."""
         rows, settings, dt = self._rows, self._settings, motion.interval
         self._time = motion.time
-        unseen = self._time - self._state[SEEN]
+        unseen = np.maximum(self._time - 0.5 * dt - self._state[SEEN], 0.0)  # in the middle
         rate = settings.motion_noise_m**2 * (1.0 + settings.motion_growth_per_s * unseen)
         noise = np.zeros((2, len(rate)))
         noise[TEAMMATE] = rate * dt
