@@ -25,6 +25,7 @@ from host.perception import turrets
 
 _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
 _TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
+_ALONE_S = 2.0  # without a measurement for so long the filter follows the odometry
 
 
 class Localizer:
@@ -45,18 +46,34 @@ class Localizer:
         self._newest = -math.inf  # time of the newest message
 
     def handle(self, message: Measurement | Displacement) -> list[Estimate]:
-        """Take in one message; return an estimate for each measurement that was used."""
+        """Take in one message; return an estimate for each measurement that was used.
+
+        Without any for long there is one a second, so that who watches sees them age.
+        """
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
             self._path.append(message)
-        else:
-            heapq.heappush(self._waiting, (message.time, self._count, message))
-            self._count += 1
-        return self._release(max(self._path.end, self._newest - _PATIENCE_S))
+            return self._release(self._until()) + self._follow()
+        heapq.heappush(self._waiting, (message.time, self._count, message))
+        self._count += 1
+        return self._release(self._until())
 
     def finish(self) -> list[Estimate]:
         """Use what still waits for odometry: no more messages will come."""
         return self._release(math.inf)
+
+    def _until(self) -> float:
+        return max(self._path.end, self._newest - _PATIENCE_S)
+
+    def _follow(self) -> list[Estimate]:
+        """Where nothing is measured, go with the odometry before the path forgets it.
+
+        The filter stays so far behind that whatever is not too late comes in order.
+        """
+        if not math.isfinite(self._time) or self._path.end <= self._time + _ALONE_S:
+            return []
+        self._predict(self._path.end - _TOO_LATE_S)
+        return [self._filter.estimate()]
 
     def _release(self, until: float) -> list[Estimate]:
         estimates = []
@@ -68,13 +85,16 @@ class Localizer:
             estimates.append(self._use(measurement))
         return estimates
 
+    def _predict(self, time: float) -> None:
+        if math.isfinite(self._time):
+            self._filter.predict(self._path.between(self._time, time))
+        else:
+            self._filter.predict(Displacement(time, 0.0, 0.0, 0.0, 0.0))
+        self._time = time
+
     def _use(self, measurement: Measurement) -> Estimate:
         if measurement.time > self._time:
-            if math.isfinite(self._time):
-                self._filter.predict(self._path.between(self._time, measurement.time))
-            else:
-                self._filter.predict(Displacement(measurement.time, 0.0, 0.0, 0.0, 0.0))
-            self._time = measurement.time
+            self._predict(measurement.time)
         if isinstance(measurement, Scan):
             measurement = turrets.find(measurement, self._config.lidar, self._path)
         self._filter.update(self._to_present(measurement))

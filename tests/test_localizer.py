@@ -300,3 +300,27 @@ def test_the_same_messages_give_the_same_bits(simulated: list[Message], profile:
     assert len(alone) > 40
     assert sum(len(e.positions) for e in alone) > 30
     assert values(alone) == values(again)
+
+
+def test_without_measurements_the_filter_goes_with_the_odometry_and_ages() -> None:
+    """However long the lidar is away, no part of the robot's way is lost."""
+    ours, notes = localizer()
+    steps = standing(60.0)[:100]
+    steps += [Displacement(2.0 + 0.02 * k, 0.02, 0.006, 0.0, 0.0) for k in range(1, 2901)]
+    before = [message for step in steps[:99] for message in (step, empty(step.time))]
+    assert handle_all(ours, before) == 99
+    alone = handle_each(ours, steps[99:])
+    apart = np.diff([1.98, *(estimate.time for estimate in alone), 60.0])
+    assert np.all((apart > 0.98) & (apart < 2.1))
+    assert len(handle_each(ours, [empty(60.0)])) == 1
+    assert notes.time == 60.0
+    assert sum(motion.dx for motion in notes.motions) == pytest.approx(0.006 * 2900)
+    assert ours.dropped == 0
+
+
+def test_what_comes_late_after_a_silence_is_used_in_order() -> None:
+    ours, notes = localizer()
+    handle_all(ours, [empty(0.1), *standing(20.0), empty(19.1), empty(19.9)])
+    assert [m.time for m in notes.measured] == [0.1, 19.1, 19.9]
+    assert [m.time for m in notes.motions] == sorted(m.time for m in notes.motions)
+    assert ours.dropped == 0

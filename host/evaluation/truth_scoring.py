@@ -63,6 +63,7 @@ class AfterPositions:
 
     def predict(self, motion: Displacement) -> None:
         """As the filter's."""
+        self._of_positions = False  # what is estimated now is of no reading
         self._filter.predict(motion)
 
     def update(self, measurement: Positions | Bearings) -> None:

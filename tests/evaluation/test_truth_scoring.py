@@ -81,4 +81,6 @@ def test_estimates_count_after_positions_alone():
     kept.estimate()
     kept.update(positions)
     last = kept.estimate()
+    kept.predict(Displacement(2.1, 1.0, 0.0, 0.0, 0.0))
+    kept.estimate()  # nothing was measured since
     assert [id(e) for e in kept.estimates] == [id(first), id(last)]
