@@ -68,9 +68,11 @@ class X4:
             self._motor_switch = self._switch_motor(port, on=True)
             port.write(commands.STOP)  # what may still run from before
             self._drain(port)
+            skipped = self._decoder.counts["bytes_skipped"]
             info = self._ask(port, (commands.INFO,), DeviceInfo)
             health = self._ask(port, (commands.HEALTH, commands.HEALTH_OF_SDK), DeviceHealth)
-            self._check_answers(info, health)
+            noise = self._decoder.counts["bytes_skipped"] > skipped
+            self._check_answers(info, health, noise)
             port.write(commands.SCAN)
             self._scan(port, info)
         finally:
@@ -115,12 +117,17 @@ class X4:
                         return reply
         return None
 
-    def _check_answers(self, info: DeviceInfo | None, health: DeviceHealth | None) -> None:
-        """Raise UserError where the lidar does not answer or calls itself faulty."""
+    def _check_answers(
+        self, info: DeviceInfo | None, health: DeviceHealth | None, noise: bool
+    ) -> None:
+        """Raise UserError where the lidar does not answer or calls itself faulty.
+
+        noise: other bytes came instead.
+        """
         if self._stop.is_set():
             return
         if info is None and health is None:
-            if self._decoder.counts["bytes_skipped"]:
+            if noise:
                 raise UserError(
                     "the lidar's bytes make no sense",
                     f"something answers, but not as a YDLidar X4 does at {BAUDRATE} baud",

@@ -181,6 +181,19 @@ def test_a_dead_lidar_is_named(bench: Bench) -> None:
     bench.wait_reason("the lidar does not answer")
 
 
+def test_damage_of_before_does_not_make_a_dead_lidar_a_noisy_one(bench: Bench) -> None:
+    bench.lidar.corrupt_share = 0.4
+    bench.plug()
+    bench.run()
+    bench.wait_reason("% of the packets are damaged")
+    bench.unplug()
+    bench.lidar = X4Emulator(sense)
+    bench.lidar.answers = False
+    bench.plug()
+    bench.wait_reason("the lidar does not answer")
+    assert not any("make no sense" in health.reason for health in bench.health())
+
+
 def test_another_device_on_the_port_is_named(bench: Bench) -> None:
     bench.lidar.answers = False
     bench.noise = b"$GPGGA,1\n"
