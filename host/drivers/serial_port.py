@@ -100,6 +100,8 @@ def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Seria
         raise UserError(f"cannot open {path}", str(error), "unplug it and plug it in again") from (
             error
         )
+    except ValueError as error:  # pyserial's for a speed or a name that the system cannot take
+        raise UserError(f"cannot open {path!r}", str(error), _OTHER[1]) from error
     return port
 
 

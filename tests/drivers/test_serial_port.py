@@ -90,6 +90,11 @@ def test_a_missing_device_and_a_file_are_told_apart(tmp_path: Path) -> None:
         open_port(str(file), 128_000)
 
 
+def test_a_port_that_no_system_can_open_is_told_in_words() -> None:
+    with pytest.raises(UserError, match=r"cannot open 'tty\\x00'\n.*\ncheck port in robot.toml"):
+        open_port("tty\0", 128_000)
+
+
 def test_a_forbidden_port_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: serial.Serial) -> None:
         raise serial.SerialException(errno.EACCES, "could not open port")
