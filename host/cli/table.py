@@ -43,7 +43,8 @@ def _block(source: str, rows: Sequence[Row]) -> list[str]:
         for name, (_, width, decimals) in _FIGURES.items():
             value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
             line += f" {_number(value, decimals):>{width}}"
-        ratio = row.gospa_m / best.get((row.observer, row.sensors), math.nan)
+        limit = best.get((row.observer, row.sensors), math.nan)
+        ratio = row.gospa_m / limit if limit else math.nan  # 0 where nobody was to be found
         lines.append(f"{line} {_number(ratio, 2):>6}")
     return lines
 

@@ -246,6 +246,17 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
     assert "lidar+camera" not in done.output
 
 
+def test_where_nobody_is_to_be_found_a_perfect_limit_divides_nothing():
+    alone = Accumulator()
+    none = np.zeros((0, 2))
+    empty = Estimate(1.0, none, np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), np.zeros(0, int))
+    alone.add(none, none, empty)
+    rows = [alone.row("empty room", "0", name, "lidar") for name in ("phd", "clairvoyant")]
+    first, second = (line for line in table(rows).splitlines() if " lidar " in line)
+    assert first.split()[3] == second.split()[3] == "0.000"
+    assert first.split()[-1] == second.split()[-1] == "-"
+
+
 def test_a_table_without_a_limit_or_figures_has_dashes():
     text = table([Accumulator().row("nothing", "0", "phd", "lidar")])
     (row,) = (line for line in text.splitlines() if "phd" in line)
