@@ -102,9 +102,13 @@ def load(source: str, robot: RobotConfig | None) -> Run:
 def simulated(scenario: Scenario, config: RobotConfig) -> Iterator[Message]:
     """All messages of a scenario, and truth at every scan besides.
 
-    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns.
+    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns. Raises
+    UserError at once where the scenario has no room for its robots.
     """
-    simulation = Simulation(scenario, config)
+    return _with_truth(Simulation(scenario, config))
+
+
+def _with_truth(simulation: Simulation) -> Iterator[Message]:
     for message in simulation.messages():
         yield message
         if isinstance(message, Scan):

@@ -39,11 +39,12 @@ def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Pa
     counts: Counter[str] = Counter()
     begin, done = time.monotonic(), 0.0
     header = Header(robot, options.LIDAR_AND_CAMERA, scenario)
+    messages = simulated(parsed, robot)  # before the file: what cannot be simulated leaves none
     with (
         Recorder(output, header) as recorder,
         click.progressbar(length=round(10 * parsed.seconds), file=sys.stderr) as bar,
     ):
-        for message in simulated(parsed, robot):
+        for message in messages:
             recorder.write(message)
             counts[type(message).__name__.lower()] += 1
             if message.time >= done + 1.0:

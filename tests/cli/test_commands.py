@@ -91,6 +91,14 @@ def test_a_simulated_recording_holds_truth_at_every_scan(recording, tmp_path):
     assert "exists already" in invoke("simulate", SCENARIO, "--output", again).stderr
 
 
+def test_a_scenario_without_room_leaves_no_recording(tmp_path):
+    path = tmp_path / "full.swarmloc"
+    done = invoke("simulate", "arena4:robots=60", "--output", path)
+    assert done.exit_code == 1
+    assert "no room for 60 robots" in done.stderr
+    assert not path.exists()
+
+
 def test_replaying_twice_gives_the_same_bits_and_figures(recording, tmp_path):
     figures = []
     for name in ("a", "b"):
