@@ -7,13 +7,13 @@ consumed, in its order, and what it made of it, goes to every sink.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Protocol, Self
 
 from host.errors import UserError
 from host.localizer import Localizer
-from host.messages import Bearings, Displacement, Health, Message, Positions, Scan, Truth
+from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 
 CAPACITY = 256  # messages: some 3 s of them
 HEALTH_S = 1.0
@@ -89,10 +89,10 @@ class Pipeline:
         self._counts = {"messages": 0, "estimates": 0, "dropped": 0, "late": 0, "busy_ms": 0}
         self._busy_s = 0.0
         self._reported = dict(self._counts)
-        self._next_health = 0.0
+        self._last_health = 0.0
 
     def __enter__(self) -> Self:
-        self._next_health = self._clock() + HEALTH_S
+        self._last_health = self._clock()
         self._thread.start()
         for thread in self._sources:
             thread.start()
@@ -137,8 +137,7 @@ class Pipeline:
                 else:
                     ended = self._ended.is_set()
                 self._report()
-            for estimate in self._localizer.finish():
-                self._deliver(estimate)
+            self._tell(self._localizer.finish())
         except Exception as error:
             # Raised again by whoever reads `failures`, in a thread that can tell the user.
             self.failures[NAME] = error
@@ -152,6 +151,9 @@ class Pipeline:
         start = time.perf_counter()
         estimates = self._localizer.handle(message)
         self._busy_s += time.perf_counter() - start
+        self._tell(estimates)
+
+    def _tell(self, estimates: Sequence[Estimate]) -> None:
         self._counts["estimates"] += len(estimates)
         for estimate in estimates:
             self._deliver(estimate)
@@ -168,18 +170,20 @@ class Pipeline:
                 self._tell_failure(name, error, self._deliver)
 
     def _report(self) -> None:
-        """Tell how the localizer itself does, once a second."""
+        """Tell how the localizer itself does, once a second or as soon as it can."""
         now = self._clock()
-        if now < self._next_health:
+        seconds = now - self._last_health
+        if seconds < HEALTH_S:
             return
-        self._next_health += HEALTH_S
+        self._last_health = now
         self._counts["dropped"] = self._queue.dropped
         self._counts["late"] = self._localizer.dropped
         self._counts["busy_ms"] = round(1000.0 * self._busy_s)
         change = {name: count - self._reported[name] for name, count in self._counts.items()}
         self._reported = dict(self._counts)
         dropped, updates = change["dropped"], change["estimates"]
-        reason = f"{updates} updates/s, {change['busy_ms'] / max(1, updates):.1f} ms each"
+        each_ms = change["busy_ms"] / max(1, updates)
+        reason = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
         if dropped:
             reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
             reason += "sensors (--sensors lidar)"

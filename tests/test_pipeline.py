@@ -105,8 +105,7 @@ def test_sinks_get_each_message_then_its_estimates_then_the_truth():
     assert source.stopped
     kinds = [type(m) for m in first.messages if not isinstance(m, Health)]
     # The last reading waits for odometry that never comes: the end of the run releases it.
-    wanted = [Displacement, Positions, Estimate, Truth, Displacement, Positions, Estimate]
-    assert kinds == wanted
+    assert kinds == 2 * [Displacement, Positions, Estimate, Truth]
     estimate, truth_after = first.of(Estimate)[0], first.of(Truth)[0]
     assert estimate.time == truth_after.time == 0.05
     assert [id(m) for m in second.messages] == [id(m) for m in first.messages]
@@ -195,3 +194,28 @@ def test_the_localizer_tells_how_it_does_and_what_was_dropped():
     assert told.counts["dropped"] == 45
     assert told.counts["messages"] == 1 + 256
     assert told.counts["estimates"] == 1
+
+
+def test_after_a_standstill_the_localizer_tells_once_what_it_did_a_second():
+    """A suspended computer or a stopped process does not make up for the reports it missed."""
+    inbox, now, standstill = Inbox(), [0.0], 100.0
+
+    class Wakes:
+        def run(self, emit, stop):
+            for k in range(10):
+                emit(a_step(0.1 * (k + 1)))
+                emit(a_reading(0.1 * (k + 1)))
+            inbox.wait_for(lambda m: isinstance(m, Estimate) and m.time > 0.95)
+            now[0] = standstill
+            inbox.wait_for(lambda m: isinstance(m, Health))
+            emit(a_step(1.1))
+            emit(a_step(1.2))
+            inbox.wait_for(lambda m: isinstance(m, Displacement) and m.time > 1.15)
+            stop.wait(LONG_S)
+
+    sources, sinks = {"board": Wakes()}, {"inbox": inbox}
+    with Pipeline(a_localizer(), sources, sinks, clock=lambda: now[0]):
+        inbox.wait_for(lambda m: isinstance(m, Displacement) and m.time > 1.15)
+    (told,) = inbox.of(Health)
+    assert told.reason.startswith("0 updates/s")
+    assert told.counts["estimates"] == 10
