@@ -58,9 +58,10 @@ class Romeo:
             self._wanted = (round(scale * left), round(scale * right)), self._clock()
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Displacement and Health until `stop` is set; reconnects, and raises nothing.
+        """Emit Displacement, and Health a second and a change of state, until `stop` is set.
 
-        Health comes at every change of state and once a second.
+        Failures of the device are told as Health and tried again; it raises only what is the
+        program's own fault.
         """
         keep_connected(partial(self._serve, emit, stop), partial(self._report_failure, emit), stop)
 
