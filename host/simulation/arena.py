@@ -9,11 +9,10 @@ overlap; what would make them touch is stopped as a bumper would.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from host.errors import UserError
 from host.geometry import wrap
-from host.messages import FloatArray
+from host.messages import BoolArray, FloatArray
 from host.simulation.scenarios import Scenario
 
 STEP_S = 0.02
@@ -26,8 +25,6 @@ TURN_RATE_RADPS = 3.0
 TURN_SECONDS = (0.2, 0.8)
 ACCELERATION_MPS2 = 1.0
 TURN_ACCELERATION_RADPS2 = 20.0
-
-BoolArray = NDArray[np.bool_]
 
 
 class Arena:

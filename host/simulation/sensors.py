@@ -13,8 +13,8 @@ from host.config import Camera as CameraConfig
 from host.config import Lidar as LidarConfig
 from host.config import Wheels
 from host.geometry import to_frame, wrap
-from host.messages import Bearings, FloatArray, IntArray
-from host.simulation.arena import STEP_S, TURRET_RADIUS_M, Arena, BoolArray
+from host.messages import Bearings, BoolArray, FloatArray, IntArray
+from host.simulation.arena import STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.raycast import Beams, WallHits, meet_cylinders, meet_walls, x4_beams
 from host.simulation.scenarios import Scenario
 
