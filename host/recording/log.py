@@ -202,7 +202,9 @@ class Recording:
         return UserError(
             f"{self.path}, line {number}: the recording is damaged",
             why,
-            f"`head -n {number - 1}` saves what stands before it",
+            f"`head -n {number - 1}` saves what stands before it"
+            if number > 2
+            else "nothing stands before it that could be saved: use a copy",
         )
 
 

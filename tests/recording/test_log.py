@@ -147,6 +147,19 @@ def test_every_damaged_byte_is_found_and_its_line_named(tmp_path):
                 list(Recording(path).messages())
 
 
+def test_only_what_holds_messages_is_offered_to_be_saved(tmp_path):
+    path = write(tmp_path / "a", some_messages())
+    lines = path.read_bytes().splitlines(keepends=True)
+    for number in (1, 2, 3):
+        damaged = list(lines)
+        damaged[number - 1] = damaged[number - 1].replace(b'"crc":"', b'"crc":"0', 1)
+        path.write_bytes(b"".join(damaged))
+        with pytest.raises(UserError, match=f"line {number}: the recording is damaged") as caught:
+            list(Recording(path).messages())
+        assert ("`head -n 2`" in caught.value.next_step) == (number == 3)
+        assert "head -n 0" not in caught.value.next_step
+
+
 def test_a_line_broken_in_two_and_a_line_of_zeros_are_damage(tmp_path):
     lines = write(tmp_path / "whole", some_messages()).read_bytes().splitlines(keepends=True)
     for wrong in (lines[2][:40] + b"\n" + lines[2][40:], b"\0" * 50 + b"\n", b"\n", b"{}\n"):
