@@ -39,7 +39,7 @@ class Wheels(Section):
 class Board(Section):
     """The Romeo board: `auto` finds it by its USB ids."""
 
-    port: str = "auto"
+    port: str = Field("auto", min_length=1)
 
 
 class BlindSector(Section):
@@ -66,7 +66,7 @@ def _pillars() -> tuple[BlindSector, ...]:
 class Lidar(Section):
     """The lidar: port, mounting in the robot frame, and what it sees of a teammate."""
 
-    port: str = "auto"
+    port: str = Field("auto", min_length=1)
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)

@@ -125,6 +125,11 @@ def test_shapes_other_than_the_settings_are_told() -> None:
     )
 
 
+@pytest.mark.parametrize("device", ["lidar", "board"])
+def test_a_port_has_a_name(device: str) -> None:
+    assert f"line 2: {device}.port = '': " in complaint(f'[{device}]\nport = ""')
+
+
 def test_the_line_is_that_of_the_right_block_among_several() -> None:
     good = "[[lidar.blind_sectors]]\ncentre_rad = 0.1\nwidth_rad = 0.1\n"
     message = complaint(
