@@ -36,16 +36,21 @@ class SampleClock:
 
     A byte can only arrive late, so the earliest arrivals tell the offset between the count and
     the host's clock; delays of USB and of the scheduler do not enter. The offset may rise by 1 %,
-    which follows a lidar that is slower than it should be by as much.
+    which follows a lidar that is slower than it should be by as much. A busy host has caught up
+    after `BEHIND_S`; where all arrivals stay `BEHIND_BY_S` late for longer, the lidar has paused.
     """
 
     RISE = 0.01
     LATE_S = 1.0
     LATE_AFTER_LOSS_S = 0.1
+    BEHIND_S = 0.5
+    BEHIND_BY_S = 0.02
 
     def __init__(self) -> None:
         self.count = 0
         self.offset: float | None = None
+        # Since when all arrivals are late, and the least offset they tell.
+        self._behind: tuple[float, float] | None = None
 
     def advance(self, samples: int, arrival: float, lost: int | None) -> bool:
         """Count `samples` that were complete at `arrival`, after `lost` ones (None: nothing lost).
@@ -60,8 +65,16 @@ class SampleClock:
             return True
         late = offset - self.offset
         if late > (self.LATE_S if lost is None else self.LATE_AFTER_LOSS_S):
-            self.offset = offset
+            self.offset, self._behind = offset, None
             return False
+        if late <= self.BEHIND_BY_S:
+            self._behind = None
+        else:
+            since, least = self._behind or (arrival, offset)
+            self._behind = since, min(least, offset)
+            if arrival > since + self.BEHIND_S:
+                self.offset, self._behind = self._behind[1], None
+                return False
         self.offset = min(offset, self.offset + self.RISE * step / SAMPLE_RATE_HZ)
         return True
 

@@ -329,6 +329,37 @@ def test_lost_packets_do_not_shift_the_times_after_them() -> None:
     assert decoder.counts["clock_restarts"] == 0
 
 
+@pytest.mark.parametrize("pause_s", [0.05, 0.3, 0.9])
+def test_a_short_pause_of_the_lidar_is_made_up_for_soon(pause_s: float) -> None:
+    random = np.random.default_rng(11)
+    decoder, scans = Decoder(), list[Scan]()
+    for k in range(30):
+        turn = make_turn(random, 500)
+        start = 0.1 * k + (pause_s if k >= 10 else 0.0)
+        for packet, arrival in zip(turn, arrivals(turn, 5000.0, random), strict=True):
+            scans += decoder.feed(packet, start + arrival)
+    assert decoder.counts["clock_restarts"] == 1
+    ends = [2.5, 2.6, 2.7, 2.8, 2.9]  # of the last turns, without the pause
+    assert [scan.time - pause_s for scan in scans[-5:]] == pytest.approx(ends, abs=0.004)
+    assert all(np.ptp(scan.times) < 0.11 for scan in scans)
+
+
+@pytest.mark.parametrize("pause_s", [0.05, 0.3, 0.9])
+def test_a_pause_of_the_host_hardly_changes_a_time(pause_s: float) -> None:
+    random = np.random.default_rng(12)
+    decoder, scans = Decoder(), list[Scan]()
+    for k in range(30):
+        turn = make_turn(random, 500)
+        for packet, arrival in zip(turn, arrivals(turn, 5000.0, random), strict=True):
+            read = 0.1 * k + arrival
+            scans += decoder.feed(packet, max(read, 1.0 + pause_s) if read > 1.0 else read)
+    assert decoder.counts["clock_restarts"] == 0
+    ends = 0.1 * np.arange(1, 30)
+    # In the pause the clock may follow what looks like a slower lidar, by 1 %.
+    within = 0.004 + 0.01 * pause_s
+    assert [scan.time for scan in scans] == pytest.approx(ends.tolist(), abs=within)
+
+
 def test_a_pause_starts_the_clock_and_the_turn_anew() -> None:
     random = np.random.default_rng(10)
     decoder = Decoder()
