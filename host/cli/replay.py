@@ -1,5 +1,6 @@
 """`swarmloc replay`: a recording through the localizer again."""
 
+import contextlib
 import math
 import sys
 import time
@@ -96,7 +97,10 @@ class Player:
             self._console.take(estimate)
         if message is None:
             self._console.draw()
-            self._console.close()
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        self._console.close()
 
     def _wait(self, due: float) -> None:
         while True:
@@ -151,10 +155,13 @@ def replay(
     sensors = sensors or header.sensors
     comparison = Comparison()
     watchers = [comparison.take]
-    if speed is not None:
-        title = f"{file} (recorded)"
-        watchers.append(Player(State(title, robot.filter.profile, sensors), speed).take)
-    figures = _replay(recording, robot, sensors, watchers)
+    with contextlib.ExitStack() as stack:
+        if speed is not None:
+            title = f"{file} (recorded)"
+            player = Player(State(title, robot.filter.profile, sensors), speed)
+            stack.callback(player.close)
+            watchers.append(player.take)
+        figures = _replay(recording, robot, sensors, watchers)
     same = robot == header.config and sensors == header.sensors
     if not comparison.any_recorded:
         verdict = "none in the recording"

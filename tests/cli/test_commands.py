@@ -194,6 +194,14 @@ def test_a_replay_at_speed_shows_the_screen(recording):
     assert re.search(r"1\.\d s +\d teammates? \(\d truly within 2.0 m", done.output)
 
 
+def test_a_replay_at_speed_that_is_interrupted_gives_the_cursor_back(recording, on_screen):
+    screen = on_screen("replay", str(recording), "--speed", "0.5")
+    screen.wait_for(lambda text: "teammate" in text)
+    screen.type(b"\x03")
+    assert screen.end() == 1
+    assert screen.written.rindex("\x1b[?25h") > screen.written.rindex("\x1b[?25l")
+
+
 def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
     path = tmp_path / "rows.json"
     sources = ("arena4:seconds=7,seed=1", SCENARIO, str(recording))
