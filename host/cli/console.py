@@ -103,7 +103,7 @@ def one_line(text: str) -> str:
 
 
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
-    """How far each estimate (n,) is from the teammate it is matched with; nan where from none."""
+    """How far each estimate (n,) is from the teammate it is matched with; nan where it is false."""
     i, j = match(truth.positions, estimate.positions, 2.0, _CUT_OFF_M)
     errors = np.full(len(estimate.positions), math.nan)
     errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)
@@ -157,7 +157,7 @@ def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Pain
     if errors is None:
         return row
     if math.isnan(errors[k]):
-        return row + paint(f" {'nobody':>9}", "red")
+        return row + paint(f" {'false':>9}", "red")
     return row + f" {1000.0 * errors[k]:9.0f}"
 
 

@@ -164,11 +164,13 @@ def replay(
         figures = _replay(recording, robot, sensors, watchers)
     same = robot == header.config and sensors == header.sensors
     if not comparison.any_recorded:
-        verdict = "none in the recording"
+        verdict = "none in the recording to compare with"
     elif not same:
-        verdict = "not compared: another filter, other sensors or another configuration"
+        verdict = "not compared with the recorded ones: the filter, sensors or configuration differ"
     else:
-        verdict = f"{comparison.equal} bit-identical, {comparison.different} different"
+        verdict = (
+            f"{comparison.equal} bit-identical, {comparison.different} different from the recorded"
+        )
     figures["recorded_estimates"] = verdict
     if recording.torn:
         figures["recording"] = "its last line is torn: the run was cut short"

@@ -71,11 +71,11 @@ def test_without_truth_there_is_no_error():
     assert "1 teammate\n" in text + "\n"
 
 
-def test_an_estimate_of_nothing_is_nobody():
+def test_an_estimate_of_nobody_is_false():
     state = a_state(an_estimate([[1.0, 0.0], [0.0, 1.0]]), a_truth([[1.0, 0.01]]))
     first, second = frame(state, 80)[4:6]
     assert cells(first)[-1] == "10"
-    assert cells(second)[-1] == "nobody"
+    assert cells(second)[-1] == "false"
     errors = errors_m(state.estimate, state.truth)
     assert errors == pytest.approx([0.01, np.nan], nan_ok=True)
 
