@@ -196,14 +196,15 @@ class X4:
                 f"{100 * share:.0f} % of the packets are damaged: use a short cable and a supply "
                 "of 1 A or more, and close other programs on the port"
             )
-        words = ["scanning"]
-        if self._decoder.turn_rate_hz:
-            words.append(f"at {self._decoder.turn_rate_hz:.1f} turns/s")
+        rate_hz = self._decoder.turn_rate_hz
+        words = [f"scanning at {rate_hz:.1f} turns/s" if rate_hz else "scanning"]
         if info is not None:
-            words.append(f"(firmware {info.firmware}, serial {info.serial})")
+            words.append(f"firmware {info.firmware}")
         if not self._motor_switch:
-            words.append("on a port that cannot switch the motor")
-        return True, " ".join(words)
+            words.append("motor stays on")
+        elif info is not None:  # both would not fit on a line of the screen
+            words.append(f"serial {info.serial}")
+        return True, ", ".join(words)
 
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))
