@@ -77,7 +77,7 @@ class Lidar(Section):
     max_range_m: float = Field(2.5, gt=0.1, le=12.0)  # detections beyond are not used
     field_of_view_rad: float = Field(math.tau, gt=0.0, le=math.tau)  # centred ahead
     detection_probability: float = Field(0.95, gt=0.0, lt=1.0)  # close by, in plain view
-    half_range_m: float = Field(2.8, gt=0.1, lt=1000.0)  # where it has fallen to one half
+    half_range_m: float = Field(3.2, gt=0.1, lt=1000.0)  # where it has fallen to one half
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
     clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections a turn
     blind_sectors: BlindSectors = Field(default_factory=_pillars)
@@ -92,22 +92,22 @@ class Camera(Section):
     detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
-    clutter_per_rad: float = Field(0.02, gt=0.0, lt=100.0)  # false blobs an image pair
+    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs an image pair
 
 
 class Filter(Section):
     """Which filter runs, and the settings of `phd` (docs/filters.md tells how they were chosen)."""
 
     profile: Literal["phd", "perera2021"] = "phd"
-    motion_noise_m: float = Field(0.07, gt=0.0, lt=5.0)  # std per axis after 1 s
+    motion_noise_m: float = Field(0.09, gt=0.0, lt=5.0)  # std per axis after 1 s
     motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # of its square, while unseen
     obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # of the things that appear, not teammates
     birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear, an update
     survival_range_m: float = Field(3.0, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
-    report_weight: float = Field(0.55, gt=0.0, lt=1.0)  # from here on a teammate is reported ...
-    forget_weight: float = Field(0.15, gt=0.0, lt=1.0)  # ... until it falls below this
-    report_sigma_m: float = Field(0.25, gt=0.0, lt=10.0)  # and not where known worse than this
+    report_weight: float = Field(0.6, gt=0.0, lt=1.0)  # from here on a teammate is reported ...
+    forget_weight: float = Field(0.04, gt=0.0, lt=1.0)  # ... until it falls below this
+    report_sigma_m: float = Field(0.22, gt=0.0, lt=10.0)  # and not where known worse than this
     prune_weight: float = Field(2e-4, gt=0.0, lt=0.1)
     merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared, in units of the mean variance
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis

@@ -49,7 +49,8 @@ def near(
     """Indices (p,), (p,) of the components and readings that may belong together.
 
     rows (ROWS, n), readings (m, 2) with (m, 2, 2). Kept is at least every pair within `gate`
-    (squared Mahalanobis distance): the trace bounds the longest axis.
+    (squared Mahalanobis distance), as the trace bounds the longest axis; where there are many
+    pairs, only those with the nearest few readings of each component.
     """
     n, m = rows.shape[1], len(positions)
     if not n or not m:

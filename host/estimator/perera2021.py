@@ -9,12 +9,12 @@ Forced repairs, without which it cannot run at all:
  1. eq. 7–8: R(dpsi) is right for the clockwise dpsi of eq. 32; ours is counter-clockwise.
  2. eq. 8: Q is not given; 5 cm per axis at each update, as R of eq. 17 (docs/filters.md).
  3. eq. 15, 27: divided by the sum that eq. 6 has below the line; else weights grow without end.
- 4. eq. 20–23: products over the pillars, robots and null runs where sums are printed (a sum of
-    four gives P_D near 4; an empty one gives 0); kernels of unit peak; angles wrapped; weights
-    at most 1; 2c² inside the exponent.
+ 4. eq. 20–22: products over the pillars and robots where sums are printed (a sum of four gives
+    P_D near 4; an empty one gives 0); eq. 23: the nearest null direction instead of a sum;
+    kernels of unit peak; angles wrapped; weights at most 1; 2c² inside the exponent.
  5. eq. 25, 28: the innovation is the wrapped angle, H = (-y, x)/r², R = (5 deg)²; the newborn
     component on the observer has no bearing and is left out.
- 6. P_D within [0.01, 0.98], so that a weight is neither negative nor stuck.
+ 6. P_D at most 0.98, so that no weight is lost at one miss.
  7. pruning below 0.0015 ("the birth is pruned at once"), at most 400 components: neither is given.
 """
 

@@ -35,10 +35,14 @@ _MIXTURE = slice(0, 2 * ROWS)  # of the state: the rows of both kinds, as (ROWS,
 SEEN, CONFIRMED, LABEL, PARENT = range(2 * ROWS, 2 * ROWS + 4)
 _STATE = 2 * ROWS + 4
 _FADE_S = 1.0  # mean survival beyond the survival range
+_DOUBTED = 0.15  # below this share a reported teammate is one no longer
 _WEIGHTLESS = 1e-12  # keeps the moments of a ruled-out kind finite
 _BELIEVED = 0.5  # from this weight on a component can hide another
 _STANDING = 0.5  # share of the time in which a teammate does not move
-_LEAST_SHARE = 0.01  # neither kind is ever ruled out: a standing robot drives off again
+# Successive pictures show the same scene: what they say of a kind counts as so much of independent
+# evidence.
+_PICTURE_POWER = 0.3
+_LEAST_SHARE = 0.005  # neither kind is ever ruled out: a standing robot drives off again
 
 
 class PhdFilter:
@@ -110,7 +114,8 @@ class PhdFilter:
         _rows_of(born)[WEIGHT] *= share
         prior[_MIXTURE] = updated.reshape(2 * ROWS, -1)
         prior[SEEN], prior[PARENT] = measured.time, i
-        rows[WEIGHT] *= 1.0 - detected
+        # What was seen of a thing was not missed as well: it gives one reading a turn.
+        rows[WEIGHT] *= (1.0 - detected) * np.maximum(1.0 - np.bincount(i, mass, n), 0.0)
         state[PARENT] = np.arange(n)
 
         # One group a reading. What was missed joins that of its likeliest reading, unless that
@@ -160,9 +165,12 @@ class PhdFilter:
         family[WEIGHT, :n] *= 1.0 - detected
         family[WEIGHT, n:] *= support / others
         parent = np.concatenate((np.arange(n), i))
-        total = rows[WEIGHT].sum(axis=0)
+        before = rows[WEIGHT].copy()
         rows[:, TEAMMATE] = match_moments(family, parent, prior[: Y + 1].copy())
-        rows[WEIGHT] *= total / rows[WEIGHT].sum(axis=0)
+        likelihood_ratio = rows[WEIGHT, TEAMMATE] / before[TEAMMATE]
+        rows[WEIGHT, TEAMMATE] = before[TEAMMATE] * likelihood_ratio**_PICTURE_POWER
+        # Only the kind is new, not how surely something is there.
+        rows[WEIGHT] *= before.sum(axis=0) / rows[WEIGHT].sum(axis=0)
         self._confirm()
 
     def _surroundings(
@@ -203,7 +211,7 @@ class PhdFilter:
         merged[_MIXTURE] = match_moments(rows, place.take(leader), centres).reshape(2 * ROWS, -1)
         weights = _rows_of(merged)[WEIGHT]
         total = weights[TEAMMATE] + weights[OBSTACLE]
-        weights /= np.maximum(total, 1.0)  # two things cannot stand in one place
+        weights /= np.maximum(total, 1.0)  # what is merged is one thing
         keep = (total > self._settings.prune_weight).nonzero()[0]
         if len(keep) > self._settings.capacity:
             keep = np.argsort(-total, kind="stable")[: self._settings.capacity]
@@ -223,12 +231,15 @@ class PhdFilter:
         self._confirm()
 
     def _confirm(self) -> None:
-        """Report from report_weight on, until below forget_weight; rule no kind out."""
+        """Rule no kind out; report from report_weight on, while there and likely a teammate."""
         settings, weight = self._settings, self._rows[WEIGHT]
-        np.maximum(weight, _LEAST_SHARE * (weight[TEAMMATE] + weight[OBSTACLE]), out=weight)
-        drop = settings.report_weight - settings.forget_weight
-        needed = settings.report_weight - drop * self._state[CONFIRMED]
-        confirmed = weight[TEAMMATE] > needed
+        total = weight[TEAMMATE] + weight[OBSTACLE]
+        if settings.obstacle_share:
+            weight *= 1.0 - 2.0 * _LEAST_SHARE
+            weight += _LEAST_SHARE * total
+        confirmed = (weight[TEAMMATE] > _DOUBTED * total) & (total > settings.forget_weight)
+        confirmed &= self._state[CONFIRMED] > 0.0
+        confirmed |= weight[TEAMMATE] > settings.report_weight
         self._state[CONFIRMED] = confirmed
         new = (confirmed > self._state[LABEL]).nonzero()[0]
         if len(new):
@@ -236,9 +247,10 @@ class PhdFilter:
             self._next_label += len(new)
 
     def estimate(self) -> Estimate:
-        """Teammates reported: once above report_weight, until below forget_weight or lost."""
+        """Teammates reported: see `_confirm`, and where they are known to report_sigma_m."""
         rows, state = self._rows[:, TEAMMATE], self._state
         known = rows[PXX] + rows[PYY] < 2.0 * self._settings.report_sigma_m**2
+        known &= rows[WEIGHT] > _DOUBTED * self._settings.forget_weight
         index = (known * state[CONFIRMED]).nonzero()[0]
         rows, state = rows.take(index, axis=1), state.take(index, axis=1)
         return Estimate(

@@ -129,7 +129,7 @@ def test_cameras_tell_within_a_second_that_a_standing_thing_is_an_obstacle():
     for k in range(14):
         run.scan([noisy(random, [1.0, 0.2 * k / RATE_HZ])])
     assert len(run.estimate().positions) == 1
-    for _ in range(4):
+    for _ in range(7):
         run.scan([noisy(random, [1.0, 0.4])])
         estimate = run.image([])
     assert len(estimate.positions) == 0

@@ -80,8 +80,12 @@ EVERYTHING = {
 
 
 def equation_6(mixture, readings, noise, clutter=CLUTTER):
-    """Components (mean, covariance, weight) after a set of readings, with clutter and birth."""
-    after = [(mean, matrix, weight * (1 - DETECTED)) for mean, matrix, weight in mixture]
+    """Components (mean, covariance, weight) after a set of readings, with clutter and birth.
+
+    A component gives at most one reading: what was seen of it was not missed as well.
+    """
+    seen = [0.0] * len(mixture)
+    after = []
     for reading in readings:
         updated = []
         for mean, matrix, weight in mixture:
@@ -93,7 +97,10 @@ def equation_6(mixture, readings, noise, clutter=CLUTTER):
             updated.append((mean + gain @ off, matrix - gain @ matrix, DETECTED * weight * density))
         updated.append((reading, noise, BIRTH))
         below = clutter + sum(weight for _, _, weight in updated)
+        seen = [s + updated[k][2] / below for k, s in enumerate(seen)]
         after += [(mean, matrix, weight / below) for mean, matrix, weight in updated]
+    for (mean, matrix, weight), share in zip(mixture, seen, strict=True):
+        after.append((mean, matrix, weight * (1 - DETECTED) * max(1 - share, 0.0)))
     return after
 
 
