@@ -42,11 +42,18 @@ def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
     return np.stack((c * px + s * py, c * py - s * px), axis=-1)
 
 
+# Where nothing tells how the robot drives: m² (per axis) and rad² a second. As a robot does that
+# wanders at 0.3 m/s.
+_LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1
+_HOLE_S = 0.01  # a shorter gap between displacements is a matter of clocks
+
+
 class Path:
     """The robot's recent poses, integrated from its displacements.
 
     The frame is that of the first displacement's start. Poses between two displacements are
-    interpolated; before the first and after the last the robot is taken to stand still.
+    interpolated; before the first and after the last the robot is taken to stand still. In a hole
+    of the odometry, and after its end, where it stands is known less by the second.
     """
 
     def __init__(self, keep_seconds: float = 5.0) -> None:
@@ -67,7 +74,11 @@ class Path:
         if not self._count:
             self._rows[0] = (step.time - step.interval, 0.0, 0.0, 0.0, 0.0, 0.0)
             self._count = 1
-        _, x, y, psi, translation, heading = self._rows[self._count - 1]
+        end, x, y, psi, translation, heading = self._rows[self._count - 1]
+        hole = step.time - step.interval - end
+        if hole > _HOLE_S:
+            translation += hole * _LOST_TRANSLATION
+            heading += hole * _LOST_HEADING
         c, s = math.cos(psi), math.sin(psi)
         if self._count == len(self._rows):
             self._forget(step.time - self._keep)
@@ -97,7 +108,12 @@ class Path:
         if not self._count:
             return np.zeros((len(times), 5))
         rows = self._rows[: self._count]
-        return np.stack([np.interp(times, rows[:, 0], rows[:, k]) for k in range(1, 6)], axis=1)
+        known = np.stack([np.interp(times, rows[:, 0], rows[:, k]) for k in range(1, 6)], axis=1)
+        known[:, 3:] += np.maximum(times - self.end, 0.0)[:, None] * (
+            _LOST_TRANSLATION,
+            _LOST_HEADING,
+        )
+        return known
 
     def between(self, start: float, end: float) -> Displacement:
         """How the robot moved from `start` to `end` (s), with the odometry's noise."""

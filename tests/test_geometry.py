@@ -157,3 +157,28 @@ def test_a_long_path_keeps_its_last_seconds_exactly_and_little_else(rate_hz):
     # What it has forgotten it takes for standing still: the oldest pose it knows is a recent one.
     oldest = np.flatnonzero((np.diff(kept.poses(times), axis=0) != 0.0).any(axis=1))[0]
     assert times[-1] - times[oldest] < 2.0 * (2.0 + 256 / rate_hz)
+
+
+def test_a_hole_in_the_odometry_is_not_taken_for_standstill():
+    whole, holed = Path(), Path()
+    for k in range(1, 101):
+        step = Displacement(0.02 * k, 0.02, 0.005, 0.0, 0.0, 1e-6, 1e-6)
+        whole.append(step)
+        if not 40 <= k < 90:
+            holed.append(step)
+    known, unsure = whole.between(0.0, 2.0), holed.between(0.0, 2.0)
+    assert known.translation_variance == pytest.approx(1e-4)
+    assert unsure.translation_variance > 100 * known.translation_variance
+    assert unsure.heading_variance > 100 * known.heading_variance
+    # Outside the hole nothing is less sure.
+    before = holed.between(0.0, 0.7)
+    assert before.heading_variance == pytest.approx(whole.between(0.0, 0.7).heading_variance)
+
+
+def test_beyond_its_end_the_path_is_known_less_by_the_second():
+    path = Path()
+    path.append(Displacement(1.0, 1.0, 0.3, 0.0, 0.0, 1e-4, 1e-4))
+    late, later = path.between(1.0, 1.5), path.between(1.0, 2.0)
+    assert (late.dx, late.dpsi) == (0.0, 0.0)
+    assert 0.0 < 2.0 * late.translation_variance == pytest.approx(later.translation_variance)
+    assert 0.0 < 2.0 * late.heading_variance == pytest.approx(later.heading_variance)
