@@ -178,8 +178,13 @@ def _run(
         begin, begin_cpu = time.monotonic(), time.process_time()
         pipeline = Pipeline(localizer, rig.sources, sinks, rig.truth)
         # Signals are caught until the devices are left in good order.
-        with _until_signalled(pipeline.stop.set), pipeline:
-            _draw_until(pipeline, console, begin + (seconds or math.inf))
+        with signals_caught() as signalled, pipeline:
+            while not (signalled() or pipeline.stop.is_set()):
+                left = begin + (seconds or math.inf) - time.monotonic()
+                if left <= 0.0:
+                    break
+                console.draw()
+                time.sleep(min(FRAME_S, left))
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
         console.draw()
     figures = {
@@ -193,23 +198,25 @@ def _run(
     return figures, pipeline.failures
 
 
-def _draw_until(pipeline: Pipeline, console: Console, end: float) -> None:
-    while not pipeline.stop.is_set() and (left := end - time.monotonic()) > 0.0:
-        console.draw()
-        pipeline.stop.wait(min(FRAME_S, left))
-
-
 @contextlib.contextmanager
-def _until_signalled(stop: Callable[[], None]) -> Iterator[None]:
-    """End in good order at the first signal; a second one ends the program at once."""
+def signals_caught() -> Iterator[Callable[[], bool]]:
+    """Gives what tells whether a signal to end came; a second one ends the program at once."""
+    came = False
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
 
-    def handle(number: int, stack: FrameType | None) -> None:
-        stop()
-        signal.signal(number, before[signal.Signals(number)])
-
-    before = {number: signal.signal(number, handle) for number in _SIGNALS}
-    try:
-        yield
-    finally:
+    def restore() -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+    def handle(number: int, stack: FrameType | None) -> None:
+        # It interrupts this very thread wherever it is, perhaps inside a lock: take none here.
+        nonlocal came
+        restore()
+        came = True
+
+    for number in _SIGNALS:
+        signal.signal(number, handle)
+    try:
+        yield lambda: came
+    finally:
+        restore()

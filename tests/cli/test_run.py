@@ -8,9 +8,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
+from host.cli.run import signals_caught
 from host.messages import Bearings, Displacement, Estimate, Health, Scan, Truth
 from host.recording.log import Recording
 
@@ -87,6 +89,38 @@ def test_killed_it_leaves_a_recording_that_replays(tmp_path):
     replayed = CliRunner().invoke(main, ["replay", str(path)])
     assert replayed.exit_code == 0, replayed.output
     assert re.search(r"[1-9]\d* bit-identical, 0 different", replayed.output)
+
+
+def test_the_first_signal_is_noted_and_the_second_is_as_if_nobody_caught_any():
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with signals_caught() as signalled:
+        assert not signalled()
+        signal.raise_signal(signal.SIGINT)
+        assert signalled()
+        assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    with signals_caught() as signalled:
+        assert not signalled()
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_signal_takes_no_lock_that_the_thread_it_interrupts_may_hold():
+    """It would wait for itself, for ever; taking a lock shows as a call of the interpreter's."""
+    taken = []
+
+    def watch(frame, event, argument):
+        if event == "c_call" and argument.__name__ in ("acquire", "__enter__"):
+            taken.append(argument)
+
+    with signals_caught() as signalled:
+        sys.setprofile(watch)
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            sys.setprofile(None)
+        assert signalled()
+    assert not taken
 
 
 def invoke(*arguments: str):
