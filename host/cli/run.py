@@ -2,9 +2,11 @@
 
 import contextlib
 import math
+import re
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +32,7 @@ from host.recording.log import Header, Recorder
 from host.simulation import scenarios
 from host.simulation.devices import Interval, LiveSimulation
 
+_TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -85,7 +88,11 @@ Examples:
     callback=_intervals,
     help="Leave a simulated device out for some seconds, as lidar=2-4 or board=3-.",
 )
-@click.option("--seconds", type=click.FloatRange(0.1), help="End after so long.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.1),
+    help="End after so long.  [default: seconds of SCENARIO where it sets them, else never]",
+)
 @click.option(
     "--record",
     type=click.Path(path_type=Path),
@@ -118,6 +125,8 @@ def run(
             rig = _real(robot, sensors)
         else:
             rig = _simulated(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
+            if seconds is None and "seconds" in scenarios.settings(scenario):
+                seconds = scenarios.parse(scenario).seconds
         figures, failures = _run(rig, seconds, record)
     click.echo(summary(figures))
     options.write_json(json_path, figures)
@@ -125,6 +134,22 @@ def run(
         if isinstance(error, UserError):
             raise error
         raise RuntimeError(f"the {name} failed ({type(error).__name__}: {error})") from error
+    _check_measured(figures)
+
+
+def _check_measured(figures: Mapping[str, Any]) -> None:
+    """Raise UserError where nothing was estimated because devices are down."""
+    down = [
+        f"{name}: {re.split(r'; |$', device['reason'], maxsplit=1, flags=re.MULTILINE)[0]}"
+        for name, device in figures["devices"].items()
+        if not device["ok"]
+    ]
+    if down and not figures["updates"]:
+        raise UserError(
+            "nothing was measured",
+            "; ".join(down),
+            "do what the summary says of them, or try it without: swarmloc run --simulate arena4",
+        )
 
 
 def _real(robot: RobotConfig, sensors: str | None) -> Rig:
@@ -161,7 +186,7 @@ def _run(
     rig: Rig, seconds: float | None, record: Path | None
 ) -> tuple[dict[str, Any], dict[str, Exception]]:
     """Run until a signal, for `seconds` or until a failure; return figures and failures."""
-    update_seconds: list[float] = []
+    update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     profile = rig.config.filter.profile
     localizer = Localizer(rig.config, Timed(profiles.make(profile, rig.config), update_seconds))
     tally, title = Tally(), rig.title

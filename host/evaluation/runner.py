@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, MutableSequence
 from time import perf_counter
 
 from host.estimator.interface import Filter
@@ -65,10 +65,10 @@ def _estimate_at(filter_: Filter, path: Path, now: float, instant: float) -> Est
 class Timed:
     """A filter that notes what each update takes, with the predict before it.
 
-    update_seconds: the list that is appended to.
+    update_seconds: what is appended to.
     """
 
-    def __init__(self, filter_: Filter, update_seconds: list[float]) -> None:
+    def __init__(self, filter_: Filter, update_seconds: MutableSequence[float]) -> None:
         self._filter = filter_
         self._update_seconds = update_seconds
         self._predicting = 0.0

@@ -67,23 +67,38 @@ def parse(text: str) -> Scenario:
 
     Raises UserError that names what is known, or the bound that a value breaks.
     """
-    name, _, settings = text.partition(":")
+    name = text.partition(":")[0]
     if name not in KNOWN:
-        raise UserError(f"no scenario is called {name!r}", f"known: {', '.join(KNOWN)}")
-    changes: dict[str, Any] = {}
-    for setting in settings.split(",") if settings else ():
-        key, _, value = setting.partition("=")
-        if key in changes:
-            raise UserError(f"scenario {text!r} sets {key} twice", "", "keep one of the two")
-        changes[key] = _value(key, value, text)
+        raise UserError(
+            f"no scenario is called {name!r}",
+            f"known: {', '.join(KNOWN)}",
+            "choose one of them, with settings as in arena4:seconds=60,seed=1",
+        )
+    changes: dict[str, Any] = {
+        key: _value(key, value, text) for key, value in settings(text).items()
+    }
     return replace(KNOWN[name], **changes)
+
+
+def settings(text: str) -> dict[str, str]:
+    """Return what a scenario as users write it sets itself. Raises UserError on a repetition."""
+    found: dict[str, str] = {}
+    given = text.partition(":")[2]
+    for setting in given.split(",") if given else ():
+        key, _, value = (part.strip() for part in setting.partition("="))
+        if key in found:
+            raise UserError(f"scenario {text!r} sets {key} twice", "", "keep one of the two")
+        found[key] = value
+    return found
 
 
 def _value(key: str, value: str, text: str) -> int | float:
     known = {f.name: f for f in fields(Scenario) if "bounds" in f.metadata}
     if key not in known:
         raise UserError(
-            f"scenario {text!r} has no setting {key!r}", f"known: {', '.join(sorted(known))}"
+            f"scenario {text!r} has no setting {key!r}",
+            f"known: {', '.join(sorted(known))}",
+            "write settings as in arena4:seconds=60,seed=1",
         )
     low, high = known[key].metadata["bounds"]
     kind = int if known[key].type is int else float
@@ -95,6 +110,8 @@ def _value(key: str, value: str, text: str) -> int | float:
     if number is None or not low <= number <= high:
         what = "a whole number" if kind is int else "a number"
         raise UserError(
-            f"scenario {text!r}: {key} cannot be {value!r}", f"it is {what} from {low} to {high}"
+            f"scenario {text!r}: {key} cannot be {value!r}",
+            f"it is {what} from {low} to {high}",
+            f"write it as in {key}={known[key].default}",
         )
     return number

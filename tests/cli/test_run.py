@@ -68,7 +68,8 @@ def test_a_lidar_pulled_out_comes_back(tmp_path):
     assert not wanted, lines
     assert "Summary\n" in lines
     figures = json.loads(figures_path.read_text())
-    assert figures["devices"]["lidar"]["counts"]["connections"] == 2
+    # More where a busy computer starves the simulated lidar for a second: silence, to its driver.
+    assert figures["devices"]["lidar"]["counts"]["connections"] >= 2
     assert figures["updates"] > 0
     assert figures["teammates_in_range"] <= 3.0
 
@@ -131,10 +132,21 @@ def test_without_devices_it_goes_on_and_says_what_is_missing(tmp_path: Path):
     robot = tmp_path / "robot.toml"
     robot.write_text('[lidar]\nport = "/dev/no-lidar"\n[board]\nport = "/dev/no-board"\n')
     done = invoke("--robot", str(robot), "--seconds", "0.6")
-    assert done.exit_code == 0
+    assert done.exit_code == 1
     assert "lidar DOWN: cannot open /dev/no-lidar; no such device" in done.output
     assert "board DOWN: cannot open /dev/no-board; no such device" in done.output
-    assert "Summary" in done.output
+    assert "Summary" in done.stdout
+    what, why, next_step = done.stderr.splitlines()
+    assert what == "swarmloc: nothing was measured"
+    assert why == "lidar: cannot open /dev/no-lidar; board: cannot open /dev/no-board"
+    assert "--simulate arena4" in next_step
+
+
+def test_it_ends_after_the_seconds_that_the_scenario_sets(tmp_path: Path):
+    figures_path = tmp_path / "figures.json"
+    done = invoke("--simulate", "arena4:seconds=2", "--json", str(figures_path))
+    assert done.exit_code == 0, done.output
+    assert json.loads(figures_path.read_text())["seconds"] >= 2.0
 
 
 def test_cameras_of_a_real_robot_are_refused_in_words():

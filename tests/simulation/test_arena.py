@@ -115,6 +115,7 @@ def test_what_is_wrong_with_a_scenario_is_said(text: str, words: list[str]) -> N
         parse(text)
     for word in words:
         assert word in str(caught.value)
+    assert caught.value.next_step
 
 
 def test_too_many_robots_for_the_room_are_refused() -> None:
