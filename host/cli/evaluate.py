@@ -49,7 +49,7 @@ Examples:
     show_default=True,
     help="Which sensors; a dataset has its own.",
 )
-@options.robot_option
+@options.robot_or_recordings_option
 @options.json_option
 def evaluate(
     sources: Sequence[str],

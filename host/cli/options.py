@@ -2,9 +2,9 @@
 
 import json
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
@@ -13,15 +13,23 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator.profiles import PROFILES
 
+FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
+
 LIDAR_ONLY, LIDAR_AND_CAMERA = SENSORS = ("lidar", "lidar+camera")
 
-robot_option = click.option(
-    "--robot",
-    "robot_path",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Configuration of the robot, robot.toml.  [default: the recording's, else a Cherokey]",
-)
+
+def _robot_option(default: str) -> Callable[[FC], FC]:
+    return click.option(
+        "--robot",
+        "robot_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help=f"Configuration of the robot, robot.toml.  [default: {default}]",
+    )
+
+
+robot_option = _robot_option("a Cherokey")
+robot_or_recordings_option = _robot_option("the recording's, else a Cherokey")
 filter_option = click.option(
     "--filter",
     "filter_name",
@@ -51,7 +59,7 @@ def with_filter(robot: RobotConfig, filter_name: str) -> RobotConfig:
 
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
     """The parts of a comma-separated option. Raises a usage error for one that is not known."""
-    parts = text.split(",")
+    parts = [part.strip() for part in text.split(",")]
     for part in parts:
         if part not in known:
             raise click.BadParameter(

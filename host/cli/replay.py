@@ -122,7 +122,7 @@ Examples:
   swarmloc replay today{SUFFIX} --filter perera2021 --speed 1""",
 )
 @click.argument("file", type=click.Path(path_type=Path))
-@options.robot_option
+@options.robot_or_recordings_option
 @options.filter_option
 @click.option(
     "--sensors",

@@ -16,7 +16,7 @@ PROFILES: Mapping[str, Callable[[RobotConfig], Filter]] = {
 }
 # Only to compare with: the one is told who is who, the other filters nothing.
 REFERENCES: Mapping[str, Callable[[RobotConfig], Filter]] = {
-    "clairvoyant": lambda _: Clairvoyant(),
+    "clairvoyant": lambda robot: Clairvoyant(report_sigma_m=robot.filter.report_sigma_m),
     "last_reading": lambda _: LastReading(),
 }
 
@@ -25,5 +25,9 @@ def make(name: str, robot: RobotConfig) -> Filter:
     """A new filter. Raises UserError for a name that is not known."""
     known = {**PROFILES, **REFERENCES}
     if name not in known:
-        raise UserError(f"no filter is called {name!r}", f"known: {', '.join(known)}")
+        raise UserError(
+            f"no filter is called {name!r}",
+            f"known: {', '.join(known)}",
+            "choose one of them with --filter, or as profile in [filter] of robot.toml",
+        )
     return known[name](robot)

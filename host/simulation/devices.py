@@ -114,7 +114,11 @@ class LiveSimulation:
         self._unplugged = unplugged or {}
         unknown = set(self._unplugged) - {LIDAR, BOARD}
         if unknown:
-            raise UserError(f"cannot unplug {min(unknown)!r}", f"known: {LIDAR}, {BOARD}")
+            raise UserError(
+                f"cannot unplug {min(unknown)!r}",
+                f"known: {LIDAR}, {BOARD}",
+                "write it as in --unplug lidar=2-4",
+            )
         self.clock = clock
         self._start = clock()
         self._lock = threading.Lock()

@@ -45,6 +45,10 @@ def test_help_has_an_example_and_figures_as_json(command):
     assert re.search(rf"Examples?:\n +swarmloc {command} ", done.output)
     assert "--json FILE" in done.output
     assert max(map(len, done.output.splitlines())) <= 80
+    default = (
+        "the recording's, else a Cherokey" if command in ("replay", "evaluate") else "a Cherokey"
+    )
+    assert f"[default: {default}]" in " ".join(done.output.split())
 
 
 def test_help_lists_the_commands_and_version_tells_one():

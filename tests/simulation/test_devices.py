@@ -186,5 +186,6 @@ def test_the_real_drivers_work_and_outlive_unplugging() -> None:
 
 
 def test_only_known_devices_can_be_unplugged() -> None:
-    with pytest.raises(UserError, match="lidar, board"):
+    with pytest.raises(UserError, match="lidar, board") as caught:
         LiveSimulation(ARENA, RobotConfig(), {"lidr": [(0.0, 1.0)]})
+    assert "lidar=2-4" in caught.value.next_step
