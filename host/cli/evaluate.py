@@ -15,6 +15,7 @@ from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation import mrclam_scoring
 from host.evaluation.metrics import Accumulator, Row
+from host.evaluation.truth_scoring import WARM_UP_S
 from host.recording import mrclam
 from host.recording.mrclam import Landmarks
 from host.simulation.scenarios import Scenario
@@ -68,7 +69,7 @@ def evaluate(
     wanted = options.several(sensors, options.SENSORS, "--sensors")
     robot = None if robot_path is None else options.robot(robot_path)
     for source in sources:  # what is mistyped fails before anything is computed
-        _dataset(source) if source.startswith(_DATASET) else runs.find(source)
+        _check(source)
     rows: list[Row] = []
     scored: list[tuple[Scenario, Scores]] = []
     size = sum(
@@ -95,6 +96,24 @@ def evaluate(
     options.write_json(json_path, [row.as_json() for row in rows])
 
 
+def _check(source: str) -> None:
+    """Raise UserError for a source that is not there or is known to be too short."""
+    if source.startswith(_DATASET):
+        _dataset(source)
+        return
+    found = runs.find(source)
+    if isinstance(found, Scenario) and found.seconds <= WARM_UP_S:
+        raise _too_short(source)
+
+
+def _too_short(source: str) -> UserError:
+    return UserError(
+        f"{source} cannot be scored",
+        f"it is shorter than the {WARM_UP_S:.0f} s of warm-up, or has no truth at scans after it",
+        "use a longer one: seconds=30 for a scenario",
+    )
+
+
 def _scores(run: runs.Run, names: Sequence[str], sensors: Sequence[str], step: Step) -> Scores:
     missing = set(sensors) - set(run.sensors)
     if missing == set(sensors):
@@ -108,6 +127,8 @@ def _scores(run: runs.Run, names: Sequence[str], sensors: Sequence[str], step: S
         for chosen in sensors:
             if chosen in run.sensors:
                 scores[name, chosen] = run.score(name, chosen)
+                if not scores[name, chosen].seconds:
+                    raise _too_short(run.name)
             step(f"{run.name} {name} {chosen}")
     return scores
 
@@ -146,12 +167,17 @@ def _maker(name: str) -> mrclam_scoring.NewFilter:
 
 def _dataset(source: str) -> tuple[Path, Landmarks]:
     """Folder and landmarks of mrclam:FOLDER,landmarks=drop. Raises UserError."""
-    folder, _, setting = source.removeprefix(_DATASET).partition(",")
-    key, _, value = (setting or "landmarks=drop").partition("=")
+    text = source.removeprefix(_DATASET)
+    folder, _, setting = text.rpartition(",")
+    if not folder or Path(text).is_dir():  # a folder's name may hold a comma
+        folder, setting = text, "landmarks=drop"
+    key, _, value = (part.strip() for part in setting.partition("="))
     if key != "landmarks" or value not in _LANDMARKS:
         raise UserError(
             f"dataset {source!r} has no setting {setting!r}",
             "landmarks=drop leaves readings of landmarks out, landmarks=clutter keeps them",
             f"write {_DATASET}{folder},landmarks=drop",
         )
+    if not Path(folder).is_dir():
+        mrclam.load(Path(folder))  # which says in words what is missing
     return Path(folder), cast(Landmarks, value)

@@ -209,34 +209,35 @@ def test_a_replay_at_speed_that_is_interrupted_gives_the_cursor_back(recording, 
 def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
     path = tmp_path / "rows.json"
     sources = ("arena4:seconds=7,seed=1", SCENARIO, str(recording))
-    done = invoke("evaluate", *sources, "--filters", "phd,clairvoyant", "--json", path)
+    done = invoke("evaluate", *sources, "--filters", "perera2021,phd,clairvoyant", "--json", path)
     assert done.exit_code == 0, done.output
     rows = json.loads(path.read_text())
     assert all(list(row) == KEYS for row in rows)
     assert [row["source"] for row in rows] == [
-        source for source in (*sources, "arena4 x2") for _ in range(4)
+        source for source in (*sources, "arena4 x2") for _ in range(6)
     ]
-    assert [(row["filter"], row["sensors"]) for row in rows[:4]] == [
+    assert [(row["filter"], row["sensors"]) for row in rows[:6]] == [
+        ("perera2021", "lidar+camera"),
+        ("perera2021", "lidar"),
         ("phd", "lidar+camera"),
         ("phd", "lidar"),
         ("clairvoyant", "lidar+camera"),
         ("clairvoyant", "lidar"),
     ]
-    assert [row["observer"] for row in rows] == [*"00000000", *["cherokey"] * 4, *"0000"]
+    assert [row["observer"] for row in rows] == [*12 * "0", *6 * ["cherokey"], *6 * "0"]
     # The recording is of the second scenario.
-    for simulated, recorded in zip(rows[4:8], rows[8:12], strict=True):
+    for simulated, recorded in zip(rows[6:12], rows[12:18], strict=True):
         names = ("source", "observer", "update_ms_median", "update_ms_p99")
         assert {k: v for k, v in simulated.items() if k not in names} == {
             k: v for k, v in recorded.items() if k not in names
         }
-    for one, other, pooled in zip(rows[:4], rows[4:8], rows[12:], strict=True):
+    for one, other, pooled in zip(rows[:6], rows[6:12], rows[18:], strict=True):
         low, high = sorted((one["gospa_m"], other["gospa_m"]))
         assert low <= pooled["gospa_m"] <= high
         assert pooled["seconds"] == pytest.approx(one["seconds"] + other["seconds"])
-    best = rows[2]
-    assert 0.0 < best["gospa_m"] < 0.15
-    assert best["gospa_m"] < rows[0]["gospa_m"]
-    ratio = rows[0]["gospa_m"] / best["gospa_m"]
+    perera2021, phd, best = (row["gospa_m"] for row in rows[:6:2])
+    assert 0.0 < best < 1.5 * phd < 1.5 * perera2021
+    ratio = phd / best
     assert re.search(rf"phd +lidar\+camera .* {ratio:.2f}\n", done.output)
 
 
@@ -244,6 +245,8 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
     blind, camera_less = tmp_path / "blind.swarmloc", tmp_path / "lidar.swarmloc"
     with Recorder(blind, Header(RobotConfig(), "lidar")) as recorder:
         recorder.write(Health(0.0, "lidar", True, "", {}))
+    short = tmp_path / "short.swarmloc"
+    assert invoke("simulate", "arena4:seconds=2", "--output", short).exit_code == 0
     with Recorder(camera_less, Header(RobotConfig(), "lidar")) as recorder:
         for message in Recording(recording).messages():
             if type(message).__name__ != "Bearings":
@@ -252,7 +255,10 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
         ((blind,), "it holds no truth"),
         ((camera_less, "--sensors", "lidar+camera"), "no readings of lidar+camera"),
         (("arena4:seconds=7", "atlantis"), "no scenario is called 'atlantis'"),
+        (("arena4:seconds=4",), "shorter than the 5 s of warm-up"),
+        ((short,), "shorter than the 5 s of warm-up"),
         (("mrclam:/no/folder",), "there is no MR.CLAM dataset at /no/folder"),
+        (("mrclam:/no/a,b,landmarks=drop",), "there is no MR.CLAM dataset at /no/a,b"),
         (("mrclam:/no/folder,landmarks=eat",), "has no setting 'landmarks=eat'"),
     ):
         done = invoke("evaluate", *arguments)
@@ -264,6 +270,24 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
     done = invoke("evaluate", camera_less, "--filters", "clairvoyant")
     assert done.exit_code == 0, done.output
     assert "lidar+camera" not in done.output
+
+
+def test_nothing_is_computed_before_every_source_is_known_to_be_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "load", lambda *arguments: pytest.fail("it was computed"))
+    for source in ("mrclam:/no/folder", "arena4:seconds=5"):
+        assert invoke("evaluate", SCENARIO, source).exit_code == 1
+    folder = tmp_path / "a,b"  # a dataset, but an empty one
+    folder.mkdir()
+    for text in (f"mrclam:{folder}", f"mrclam:{folder}, landmarks = clutter"):
+        done = invoke("evaluate", text)
+        assert done.exit_code == 1
+        assert "has no setting" not in done.stderr
+        assert str(folder / "Barcodes.dat") in done.stderr
+
+
+def test_spaces_in_lists_are_no_part_of_the_names(recording):
+    done = invoke("evaluate", recording, "--filters", "last_reading, phd", "--sensors", " lidar")
+    assert done.exit_code == 0, done.output
 
 
 def test_where_nobody_is_to_be_found_a_perfect_limit_divides_nothing():
