@@ -29,11 +29,11 @@ def carry(
 class Clairvoyant:
     """One Kalman filter per identity, position as a random walk.
 
-    process_noise: m²/s per axis. forget_s: a teammate unseen for longer is no longer reported.
+    process_noise: m²/s per axis. forget_s: a teammate without a position for longer is forgotten.
     A teammate is known from its first position on: a bearing alone does not tell how far it is.
     """
 
-    def __init__(self, process_noise: float = 0.0121, forget_s: float = 5.0) -> None:
+    def __init__(self, process_noise: float = 0.0121, forget_s: float = 1.5) -> None:
         self._process_noise = process_noise
         self._forget_s = forget_s
         self._time = 0.0
@@ -96,7 +96,6 @@ class Clairvoyant:
         gain = prior @ jacobian / (jacobian @ prior @ jacobian + variance)
         self._positions[track] += gain * float(wrap(bearing - np.arctan2(y, x)))
         self._covariances[track] = _symmetric(prior - np.outer(gain, jacobian @ prior))
-        self._ages[track] = 0.0
 
     def _begin(self, identity: int, position: FloatArray, covariance: FloatArray) -> None:
         self._identities = np.append(self._identities, identity)
@@ -105,7 +104,7 @@ class Clairvoyant:
         self._ages = np.append(self._ages, 0.0)
 
     def estimate(self) -> Estimate:
-        """Every teammate seen in the last forget_s; labels are the identities."""
+        """Every teammate placed in the last forget_s; labels are the identities."""
         return Estimate(
             time=self._time,
             positions=self._positions.copy(),

@@ -16,7 +16,7 @@ PROFILES: Mapping[str, Callable[[RobotConfig], Filter]] = {
 }
 # Only to compare with: the one is told who is who, the other filters nothing.
 REFERENCES: Mapping[str, Callable[[RobotConfig], Filter]] = {
-    "clairvoyant": lambda robot: Clairvoyant(report_sigma_m=robot.filter.report_sigma_m),
+    "clairvoyant": lambda _: Clairvoyant(),
     "last_reading": lambda _: LastReading(),
 }
 

@@ -87,7 +87,13 @@ class Labelled:
         self._filter.predict(motion)
 
     def update(self, measurement: Positions | Bearings) -> None:
-        """As the filter's, with identities; without truth at that time they are nobody's."""
+        """As the filter's, with identities; without truth at that time they are nobody's.
+
+        Those that a simulated camera or a dataset knows are kept.
+        """
+        if measurement.identities is not None:
+            self._filter.update(measurement)
+            return
         truth = self._track.at(measurement.time)
         if truth is None:
             truth = Truth(measurement.time, np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
