@@ -261,6 +261,6 @@ class Console:
                 word, reason = "ok" if health.ok else "DOWN", one_line(health.reason)
                 lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
         if now >= self._next_line:
-            self._next_line += LINE_S
+            self._next_line = now + LINE_S  # a standstill is not made up for
             lines.append(line(self._state) + "\n")
         return "".join(lines)

@@ -196,6 +196,15 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     assert out.take() == ""
 
 
+def test_after_a_standstill_there_is_one_line_not_one_for_each_second_missed():
+    now = [0.0]
+    out = Output(terminal=False)
+    drawn = Console(State("a title", "phd", "lidar"), out, clock=lambda: now[0])
+    for now[0] in (1.0, 100.0, 100.2, 100.4, 101.0):
+        drawn.draw()
+    assert [text.split()[0] for text in out.take().splitlines()] == ["1.0", "100.0", "101.0"]
+
+
 def test_the_pace_is_measured_time_over_the_clocks(screen_size, shown):
     now = [0.0]
     out = Output(terminal=True)
