@@ -32,27 +32,50 @@ class Source(Protocol):
 
 
 class MessageQueue:
-    """Between threads. When it is full the oldest message is dropped and counted."""
+    """Between threads. When it is full a message is dropped and counted.
+
+    It is the oldest one that is no displacement: one scan less is of little harm, but a missing
+    displacement is a hole in the odometry.
+    """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self.dropped = 0
         self._messages: deque[Message] = deque()
         self._capacity = capacity
         self._news = threading.Condition()
+        self._closed = False
 
     def put(self, message: Message) -> None:
-        """Append a message; never waits."""
+        """Append a message; never waits. After `close` it does nothing."""
         with self._news:
-            if len(self._messages) == self._capacity:
-                self._messages.popleft()
-                self.dropped += 1
+            if self._closed:
+                return
             self._messages.append(message)
+            if len(self._messages) > self._capacity:
+                self._drop()
             self._news.notify()
+
+    def _drop(self) -> None:
+        others = (k for k, m in enumerate(self._messages) if not isinstance(m, Displacement))
+        del self._messages[next(others, 0)]
+        self.dropped += 1
+
+    def close(self) -> None:
+        """Refuse what comes from now on; what is in it can still be taken."""
+        with self._news:
+            self._closed = True
+            self._news.notify()
+
+    @property
+    def exhausted(self) -> bool:
+        """Is it closed and empty?"""
+        with self._news:
+            return self._closed and not self._messages
 
     def take(self, timeout_s: float) -> Message | None:
         """The oldest message, None where none comes within `timeout_s`."""
         with self._news:
-            if not self._messages:
+            if not self._messages and not self._closed:
                 self._news.wait(timeout_s)
             return self._messages.popleft() if self._messages else None
 
@@ -80,7 +103,6 @@ class Pipeline:
         self._truth = truth
         self._clock = clock
         self._queue = MessageQueue()
-        self._ended = threading.Event()  # of all sources
         self._sources = [
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
             for name, source in sources.items()
@@ -109,7 +131,8 @@ class Pipeline:
             thread.join(_JOIN_S)
             if thread.is_alive():
                 self.failures[thread.name] = TimeoutError(f"did not stop within {_JOIN_S:.0f} s")
-        self._ended.set()
+        # A device that ignores `stop` and goes on must not keep the localizer from its end.
+        self._queue.close()
         self._thread.join()
 
     def _serve(self, name: str, source: Source) -> None:
@@ -129,13 +152,10 @@ class Pipeline:
 
     def _localize(self) -> None:
         try:
-            ended = False
-            while not ended:
+            while not self._queue.exhausted:
                 message = self._queue.take(_POLL_S)
                 if message is not None:
                     self._handle(message)
-                else:
-                    ended = self._ended.is_set()
                 self._report()
             self._tell(self._localizer.finish())
         except Exception as error:

@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from host import pipeline as pipeline_module
 from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator.last_reading import LastReading
@@ -83,6 +84,44 @@ def test_a_full_queue_drops_the_oldest_and_counts_it():
     assert queue.dropped == 2
     assert [queue.take(0.0).time for _ in range(3)] == [2.0, 3.0, 4.0]
     assert queue.take(0.0) is None
+
+
+def test_a_full_queue_drops_readings_before_displacements():
+    queue = MessageQueue(capacity=3)
+    for message in (a_step(1.0), a_reading(1.5), a_step(2.0), a_step(3.0), a_reading(3.5)):
+        queue.put(message)
+    queue.put(a_step(4.0))
+    assert queue.dropped == 3
+    # The first reading went, the second had no room; then there was nothing else to drop.
+    assert [queue.take(0.0).time for _ in range(3)] == [2.0, 3.0, 4.0]
+
+
+def test_a_closed_queue_gives_what_it_holds_and_takes_no_more():
+    queue = MessageQueue()
+    queue.put(a_step(1.0))
+    queue.close()
+    queue.put(a_step(2.0))
+    assert not queue.exhausted
+    assert queue.take(LONG_S).time == 1.0
+    assert queue.take(LONG_S) is None
+    assert queue.exhausted
+
+
+def test_a_device_that_ignores_the_end_and_goes_on_does_not_hold_the_run(monkeypatch):
+    monkeypatch.setattr(pipeline_module, "_JOIN_S", 0.1)
+    over = threading.Event()
+
+    class Deaf:
+        def run(self, emit, stop):
+            while not over.wait(1e-4):
+                emit(a_health())
+
+    try:
+        with Pipeline(a_localizer(), {"lidar": Deaf()}, {}) as pipeline:
+            pass
+    finally:
+        over.set()
+    assert isinstance(pipeline.failures["lidar"], TimeoutError)
 
 
 def test_a_queue_wakes_who_waits():
