@@ -30,8 +30,9 @@ class ClockSync:
     BLOCKS = 40
     # A ceramic resonator keeps 0.5 %; no line steeper or flatter than this is believed.
     LARGEST_DRIFT = 0.01
-    # A pair so much later than the line counts as late, s.
-    LATE_S = 0.01
+    # A pair so much later than the line counts as late, s: more than the ordinary jitter of an
+    # adapter's latency timer (16 ms) and of a loop that reads every 10 or 20 ms.
+    LATE_S = 0.05
     # A counter so far ahead of what the line allows did not get there by running, s. It is more
     # than a first frame is likely to be late by, which makes all the following ones look early.
     RESTART_S = 2.0

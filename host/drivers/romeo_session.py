@@ -22,6 +22,7 @@ HELLO_PERIOD_S = 0.5
 VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
 PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
 STILL = (0, 0)
+_FLASH = "flash the firmware built from this protocol.toml"
 
 
 class Session:
@@ -137,7 +138,7 @@ class Session:
         if not self.greeted:
             return False, (
                 f"firmware speaks {identity.protocol_hash:08x}, host speaks {PROTOCOL_HASH:08x}: "
-                "run `swarmloc flash`"
+                + _FLASH
             )
         if now > self._last_report + PATIENCE_S:
             return False, "the board fell silent: check its power, press its reset button"
@@ -152,11 +153,8 @@ class Session:
         if now < self._connected + PATIENCE_S:
             return "greeting the board"
         if self._heard:
-            return "it sends bytes but does not introduce itself as ours: run `swarmloc flash`"
-        return (
-            "the board does not answer: press its reset button; if that does not help, "
-            "run `swarmloc flash`"
-        )
+            return f"it sends bytes but does not introduce itself as ours: {_FLASH}"
+        return "the board does not answer: press its reset button; if that does not help, " + _FLASH
 
     def counts(self) -> dict[str, int]:
         """Frames and events since the session was made, by name."""
@@ -164,7 +162,7 @@ class Session:
         return {
             "frames": decoded.accepted,
             "refused": decoded.refused,
-            "late": self._clock.late,
+            "frames_delayed": self._clock.late,
             **self._counts,
             **self._by_board,
         }

@@ -72,6 +72,13 @@ def test_an_ideal_line_is_told_exactly() -> None:
     assert sync.late == 0
 
 
+def test_ordinary_jitter_of_tens_of_milliseconds_is_not_late() -> None:
+    sync, rng = ClockSync(), random.Random(4)
+    for k in range(2000):
+        sync.update(round(k * PERIOD_S * 1e6), 5.0 + k * PERIOD_S + rng.uniform(0.0, 0.04))
+    assert sync.late == 0
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_host_stall_moves_nothing_and_is_counted(seed: int) -> None:
     """For 3 s the host reads nothing, then all at once; the kernel had kept it."""
