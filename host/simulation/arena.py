@@ -16,6 +16,7 @@ from host.messages import BoolArray, FloatArray
 from host.simulation.scenarios import Scenario
 
 STEP_S = 0.02
+FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
 SENSOR_BEARINGS = np.radians([60.0, 20.0, -20.0, -60.0])  # the left two come first
@@ -52,6 +53,7 @@ class Arena:
         self._turn_until = np.zeros(self.count)
         self._turn_sign = np.ones(self.count)
         self._history = np.zeros((512, self.count, 3))
+        self._first = 0  # the step of the history's first row
         self._steps = 0
         self._record()
 
@@ -84,26 +86,37 @@ class Arena:
     def poses(self, times: FloatArray) -> FloatArray:
         """Poses (k, n, 3): x, y (m), heading (rad, not wrapped) of every robot at `times` (k,).
 
-        Before 0 the robots stand still; a later time than reached moves the arena on.
+        Before 0, or what is forgotten, the robots stand still; a later time than reached moves the
+        arena on.
         """
         index = np.maximum(np.asarray(times, dtype=float) / STEP_S, 0.0)
         if index.size:
             self.advance(float(index.max()) * STEP_S)
+        index = np.maximum(index, self._first)
         before = np.minimum(index.astype(np.intp), self._steps - 1)
         after = np.minimum(before + 1, self._steps - 1)
         share = (index - before)[:, None, None]
-        poses: FloatArray = (1.0 - share) * self._history[before] + share * self._history[after]
+        begin, end = self._history[before - self._first], self._history[after - self._first]
+        poses: FloatArray = (1.0 - share) * begin + share * end
         return poses
 
     def track(self, robot: int, first_step: int) -> FloatArray:
         """Poses (k, 3) of one robot at every step from `first_step` to the time reached."""
-        return self._history[first_step : self._steps, robot]
+        return self._history[first_step - self._first : self._steps - self._first, robot]
+
+    def forget(self, before: float) -> None:
+        """Forget poses of times before `before` (s), now or later."""
+        old = min(int(before / STEP_S), self._steps - 1) - self._first
+        if old >= FORGET_STEPS:
+            self._history = self._history[old:].copy()
+            self._first += old
 
     def _record(self) -> None:
-        if self._steps == len(self._history):
+        row = self._steps - self._first
+        if row == len(self._history):
             self._history = np.concatenate((self._history, np.zeros_like(self._history)))
-        self._history[self._steps, :, :2] = self._position
-        self._history[self._steps, :, 2] = self._heading
+        self._history[row, :, :2] = self._position
+        self._history[row, :, 2] = self._heading
         self._steps += 1
 
     def _step(self) -> None:

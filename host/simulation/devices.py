@@ -25,6 +25,7 @@ from host.simulation.world import Simulation
 
 PUMP_S = 0.01  # more would make every message look later than it is
 HEALTH_S = 1.0
+MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days
 LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
 
 Interval = tuple[float, float]
@@ -154,7 +155,10 @@ class LiveSimulation:
         self._folder.cleanup()
 
     def truth(self, time: float) -> Truth:
-        """Where the teammates truly are at the host's `time` (s), in the robot's frame."""
+        """Where the teammates truly are at the host's `time` (s), in the robot's frame.
+
+        Of times within the last minute.
+        """
         with self._lock:
             return replace(self._simulation.truth(time - self._start), time=time)
 
@@ -174,6 +178,7 @@ class LiveSimulation:
                 self._plug(now)
                 for terminal, device in self._ports.values():
                     _exchange(terminal, device, now)
+                self._simulation.forget(now - MEMORY_S)
 
     def _plug(self, now: float) -> None:
         for name, (terminal, device) in self._ports.items():

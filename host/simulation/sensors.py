@@ -14,7 +14,7 @@ from host.config import Lidar as LidarConfig
 from host.config import Wheels
 from host.geometry import to_frame, wrap
 from host.messages import Bearings, BoolArray, FloatArray, IntArray
-from host.simulation.arena import STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.arena import FORGET_STEPS, STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.raycast import Beams, WallHits, meet_cylinders, meet_walls, x4_beams
 from host.simulation.scenarios import Scenario
 
@@ -222,22 +222,28 @@ class Encoders:
         self._keep = math.exp(-STEP_S / scenario.slip_seconds)
         self._kick = scenario.wheel_slip * math.sqrt(1.0 - self._keep**2)
         self._slip = scenario.wheel_slip * self._random.standard_normal(2)
-        self._counts = [np.zeros(2)]  # at every step of the arena
+        self._counts = [np.zeros(2)]  # at every step of the arena from `_first` on
+        self._first = 0
 
     def ticks(self, time: float) -> tuple[int, int]:
-        """Encoder counts (left, right) since time 0, at `time` (s)."""
-        index = max(time / STEP_S, 0.0)
+        """Encoder counts (left, right) since time 0, at `time` (s) or the oldest not forgotten."""
+        index = max(time / STEP_S, self._first)
         before = int(index)
         self._extend(before + 1)
-        counts = self._counts[before] + (index - before) * (
-            self._counts[before + 1] - self._counts[before]
-        )
-        left, right = np.floor(counts)
+        begin, end = self._counts[before - self._first : before - self._first + 2]
+        left, right = np.floor(begin + (index - before) * (end - begin))
         return int(left), int(right)
+
+    def forget(self, before: float) -> None:
+        """Forget counts of times before `before` (s), now or later."""
+        old = min(int(before / STEP_S) - self._first, len(self._counts) - 1)
+        if old >= FORGET_STEPS:
+            del self._counts[:old]
+            self._first += old
 
     def _extend(self, step: int) -> None:
         """Count up to a step: each wheel's slip drifts and comes back to none."""
-        known = len(self._counts) - 1
+        known = self._first + len(self._counts) - 1
         if step <= known:
             return
         self._arena.advance(step * STEP_S)

@@ -36,10 +36,10 @@ class Simulation:
         self._arena = Arena(scenario)
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
         lidar = Lidar(self._arena, OBSERVER, scenario, config.lidar)
-        encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
+        self._encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
         self.camera = Camera(self._arena, OBSERVER, scenario, config.camera)
         self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
-        self.board = RomeoStandIn(encoders.ticks)
+        self.board = RomeoStandIn(self._encoders.ticks)
         self._decoder = Decoder()
         self._session = Session(config.wheels)
         self._frames = 0
@@ -49,6 +49,11 @@ class Simulation:
         """Where the teammates truly are at `time` (s), in the observer's frame."""
         (poses,) = self._arena.poses(np.array([time]))
         return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+
+    def forget(self, before: float) -> None:
+        """Forget how robots moved before `before` (s); no device may have to tell of it yet."""
+        self._encoders.forget(before)
+        self._arena.forget(before)
 
     def messages(self) -> Iterator[Message]:
         """Yield Scan, Displacement, Bearings and Truth (10 Hz) in order of their arrival, once.

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import pickle
 from dataclasses import astuple, replace
 from typing import TypeVar
 
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 
 from host.config import RobotConfig
+from host.drivers.x4_commands import SCAN
 from host.geometry import Path, to_frame
 from host.messages import Bearings, Displacement, Message, Scan, Truth
 from host.simulation.arena import Arena
 from host.simulation.scenarios import parse
+from host.simulation.sensors import Encoders
 from host.simulation.world import Simulation
 
 CONFIG = RobotConfig()
@@ -136,3 +139,32 @@ def test_identities_name_the_robots_that_were_measured(messages: list[Message]) 
                 off.append(np.angle(np.exp(1j * (bearing - math.atan2(y, x)))))
     assert len(off) > 150
     assert np.std(off) == pytest.approx(math.radians(5.0), rel=0.2)
+
+
+def test_what_is_forgotten_changes_nothing_that_comes_after_it() -> None:
+    kept, forgetful = (Simulation(parse("arena4:seed=3"), CONFIG) for _ in range(2))
+    for simulation in (kept, forgetful):
+        simulation.x4.receive(SCAN, 0.0)
+    for now in np.arange(1.0, 41.0):
+        assert forgetful.board.transmit(now) == kept.board.transmit(now)
+        assert forgetful.x4.transmit(now) == kept.x4.transmit(now)
+        for time in (now - 2.9, now):
+            one, other = (simulation.truth(time) for simulation in (kept, forgetful))
+            assert np.array_equal(one.positions, other.positions)
+        forgetful.forget(now - 3.0)
+    assert np.array_equal(kept.truth(40.0).positions, forgetful.truth(40.0).positions)
+    assert not np.array_equal(kept.truth(1.0).positions, forgetful.truth(1.0).positions)
+
+
+def test_who_forgets_does_not_grow() -> None:
+    """The size is that of all that a lone robot's encoders and arena remember, pickled."""
+    scenario = parse("arena4:robots=1,posts=0,speed_mps=0")
+    arena = Arena(scenario)
+    encoders = Encoders(arena, 0, scenario, CONFIG.wheels)
+    sizes = []
+    for now in np.arange(1.0, 121.0):
+        encoders.ticks(now)
+        encoders.forget(now - 20.0)
+        arena.forget(now - 20.0)
+        sizes.append(len(pickle.dumps(encoders)))
+    assert max(sizes[80:]) <= 1.1 * max(sizes[40:80])
