@@ -1,6 +1,7 @@
 """What every test may ask for: recorded data, and property tests that repeat."""
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,3 +30,8 @@ def recorded() -> Callable[[str], Path]:
         pytest.skip(why)
 
     return find
+
+
+def pytest_configure() -> None:
+    """A shell starts what runs in its background with Ctrl-C ignored, and children inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
