@@ -26,9 +26,13 @@ def rotation(angle: float) -> FloatArray:
     return np.array([[c, -s], [s, c]])
 
 
+# Old numpy computes cos and sin of strided arrays in one of two ways, by where they lie in memory;
+# of contiguous ones always alike. Estimates have to be bit-identical, so arguments are made so.
+
+
 def to_parent(points: FloatArray, poses: FloatArray) -> FloatArray:
     """Points (n, 2) given in frames at `poses` (n, 3) or (3,): x, y, heading; in the parent."""
-    x, y, psi = np.asarray(poses).T
+    x, y, psi = np.ascontiguousarray(np.asarray(poses).T)
     c, s = np.cos(psi), np.sin(psi)
     px, py = points.T
     return np.stack((x + c * px - s * py, y + s * px + c * py), axis=-1)
@@ -36,7 +40,7 @@ def to_parent(points: FloatArray, poses: FloatArray) -> FloatArray:
 
 def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
     """Points (n, 2) of the parent frame, seen from frames at `poses` (n, 3) or (3,)."""
-    x, y, psi = np.asarray(poses).T
+    x, y, psi = np.ascontiguousarray(np.asarray(poses).T)
     c, s = np.cos(psi), np.sin(psi)
     px, py = points[..., 0] - x, points[..., 1] - y
     return np.stack((c * px + s * py, c * py - s * px), axis=-1)

@@ -70,7 +70,8 @@ def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:
     return in the sector and its two neighbours; inf where only nulls came, 0 where the turn has
     no sample at all.
     """
-    bearing, distance = np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)
+    x, y = np.ascontiguousarray(points.T)
+    bearing, distance = np.arctan2(y, x), np.hypot(x, y)
     distance = np.where(returned, distance, math.inf)
     place = sector(bearing)
     farthest_first = np.argsort(-distance, kind="stable")
