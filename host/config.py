@@ -40,6 +40,24 @@ class Board(Section):
     """The Romeo board: `auto` finds it by its USB ids."""
 
     port: str = Field("auto", min_length=1)
+    report_rate_hz: int = Field(50, ge=10, le=100)
+
+
+class Motors(Section):
+    """What of the wheels is wired the other way round, and how their speeds are held.
+
+    The board is told at each connection. duty = (v + proportional * e + integral_per_s * sum of e
+    over time) / full_speed, with the wanted speed v and the speed error e.
+    """
+
+    left_reversed: bool = False
+    right_reversed: bool = False
+    left_encoder_reversed: bool = False
+    right_encoder_reversed: bool = False
+    full_speed_mps: float = Field(0.54, gt=0.02, lt=5.0)  # at full duty, running freely
+    proportional: float = Field(1.0, ge=0.0, lt=15.95)
+    integral_per_s: float = Field(8.0, ge=0.0, lt=15.95)
+    acceleration_mps2: float = Field(1.5, ge=0.05, le=20.0)
 
 
 class BlindSector(Section):
@@ -125,6 +143,7 @@ class RobotConfig(Section):
 
     name: str = "cherokey"
     wheels: Wheels = Wheels()
+    motors: Motors = Motors()
     board: Board = Board()
     lidar: Lidar = Lidar()
     camera: Camera = Camera()

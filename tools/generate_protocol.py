@@ -49,7 +49,9 @@ UNSIGNED = ("u8", "u16", "u32")
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9]*(_[a-z0-9]+)*$")]
 # Prose ends up inside C comments and Python docstrings: printable ASCII that can end neither.
 Prose = Annotated[str, StringConstraints(min_length=1, pattern=r"^[ !#-)+-\[\]-~]+$")]
-Unit = Literal["1", "bits", "frames", "Hz", "ms", "ticks", "ticks/s", "us"]
+Unit = Literal[
+    "1", "1/16", "1/16 s", "bits", "frames", "Hz", "ms", "ticks", "ticks/s", "ticks/s2", "us"
+]
 Direction = Literal["host to board", "board to host", "both ways"]
 # Beside Python's own keywords: the member that every frame has already. A keyword of C alone shows
 # when the header is compiled.
@@ -171,6 +173,8 @@ def _field_contradictions(where: str, frame: Frame) -> list[str]:
         types[field.name] = field.type
     for field_name, names in frame.bits.items():
         kind = types.get(field_name)
+        if "all" in names:
+            problems.append(f"{where}.bits.{field_name}: all is reserved for their sum")
         if kind is None:
             problems.append(f"{where}.bits.{field_name}: no such field")
         elif kind not in UNSIGNED:
@@ -220,6 +224,7 @@ def _c_frame(name: str, frame: Frame) -> list[str]:
         for position, (bit, meaning) in enumerate(names.items()):
             lines += _c_comment(meaning)
             lines.append(f"#define {f'{name}_{field}_{bit}'.upper()} 0x{1 << position:02x}")
+        lines.append(f"#define {f'{name}_{field}_all'.upper()} 0x{(1 << len(names)) - 1:02x}")
     lines.append(f"struct __attribute__((packed)) {name}_frame {{")
     lines.append(f"    uint8_t id; /* {name.upper()}_ID */")
     for member in frame.fields:

@@ -164,7 +164,7 @@ def _real(robot: RobotConfig, sensors: str | None) -> Rig:
 
 
 def _drivers(robot: RobotConfig) -> dict[str, Source]:
-    return {"lidar": X4(robot.lidar), "board": Romeo(robot.wheels, robot.board)}
+    return {"lidar": X4(robot.lidar), "board": Romeo(robot)}
 
 
 def _simulated(

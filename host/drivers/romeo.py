@@ -9,7 +9,7 @@ from functools import partial
 
 import serial
 
-from host.config import Board, Wheels
+from host.config import RobotConfig
 from host.drivers.differential_drive import wheel_speeds
 from host.drivers.romeo_session import Session
 from host.drivers.serial_port import find_port, keep_connected, open_port, read_available
@@ -28,14 +28,12 @@ FASTEST_TICKS_PER_S = 32767  # an i16 of the velocity frame
 class Romeo:
     """One board: `run` it in a thread, `command` it from any other."""
 
-    def __init__(
-        self, config: Wheels, board: Board, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, robot: RobotConfig, clock: Callable[[], float] = time.monotonic) -> None:
         """clock: the host's monotonic time, s."""
-        self._wheels = config
-        self._board = board
+        self._wheels = robot.wheels
+        self._port = robot.board.port
         self._clock = clock
-        self._session = Session(config)
+        self._session = Session(robot)
         self._lock = threading.Lock()
         self._wanted: tuple[tuple[int, int], float] | None = None
         self._told: tuple[bool, str] | None = None
@@ -67,7 +65,7 @@ class Romeo:
 
     def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """One connection, until `stop` is set or the port fails."""
-        with open_port(find_port(NAME, USB_IDS, self._board.port), BAUDRATE, dtr=True) as port:
+        with open_port(find_port(NAME, USB_IDS, self._port), BAUDRATE, dtr=True) as port:
             self._session.connect(self._clock())
             try:
                 while not stop.is_set():

@@ -9,7 +9,7 @@ from enum import IntFlag
 from struct import Struct
 from typing import ClassVar
 
-PROTOCOL_HASH = 0x7542284E
+PROTOCOL_HASH = 0x59CC0385
 # Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes.
 LARGEST_FRAME = 20
 LARGEST_ENCODED = 24
@@ -22,6 +22,18 @@ REPORT_RATE_HZ = 50
 REPORT_RATE_MIN_HZ = 10
 # [Hz] highest report rate
 REPORT_RATE_MAX_HZ = 100
+# [ticks/s] settings.full_speed by default: 160 turns a minute of 1920 ticks each
+FULL_SPEED_TICKS_PER_S = 5120
+# [ticks/s] lowest settings.full_speed
+FULL_SPEED_MIN_TICKS_PER_S = 100
+# [1/16] settings.proportional by default
+PROPORTIONAL_16THS = 16
+# [1/16 s] settings.integral by default
+INTEGRAL_16THS_PER_S = 128
+# [ticks/s2] settings.acceleration by default
+ACCELERATION_TICKS_PER_S2 = 14000
+# [ticks/s2] lowest settings.acceleration
+ACCELERATION_MIN_TICKS_PER_S2 = 100
 # [1] identity.board of a DFRobot Romeo V2
 BOARD_ROMEO_V2 = 1
 
@@ -141,13 +153,23 @@ class SettingsFrame:
     report_rate_hz [Hz]: displacement frames a second, between report_rate_min_hz and
     report_rate_max_hz.
     reversed [bits]: what is wired the other way round, see the bits.
+    full_speed [ticks/s]: of a wheel that turns freely at full duty; the control's feed-forward
+    is wanted / full_speed.
+    proportional [1/16]: control: share of full duty for an error of full_speed.
+    integral [1/16 s]: control: share of full duty for each second of an error of full_speed.
+    acceleration [ticks/s2]: the wanted speed is followed no faster; a command timeout stops at
+    once.
     """
 
     ID: ClassVar[int] = 0x21
-    LAYOUT: ClassVar[Struct] = Struct("<BBB")
+    LAYOUT: ClassVar[Struct] = Struct("<BBBHBBH")
 
     report_rate_hz: int
     reversed: int
+    full_speed: int
+    proportional: int
+    integral: int
+    acceleration: int
 
 
 Frame = (

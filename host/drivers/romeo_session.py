@@ -1,12 +1,14 @@
-"""The conversation with the board: greet it, take its displacements, send it wheel speeds. Pure.
+"""The conversation with the board: greet it, set it up, take displacements, send speeds. Pure.
 
 Bytes and times in, displacements and bytes out; so the same code serves the device, a replay and
 the tests.
 """
 
-from host.config import Wheels
+from dataclasses import asdict
+
+from host.config import RobotConfig
 from host.drivers.clock import ClockSync
-from host.drivers.differential_drive import displacement
+from host.drivers.differential_drive import displacement, wheel_speeds
 from host.drivers.romeo_framing import DELIMITER, Decoder, encode
 from host.drivers.romeo_protocol import (
     PROTOCOL_HASH,
@@ -14,11 +16,13 @@ from host.drivers.romeo_protocol import (
     DisplacementStatus,
     HelloFrame,
     IdentityFrame,
+    SettingsFrame,
+    SettingsReversed,
     VelocityFrame,
 )
 from host.messages import Displacement
 
-HELLO_PERIOD_S = 0.5
+ASK_PERIOD_S = 0.5  # hello, and the settings, until they are answered
 VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
 PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
 STILL = (0, 0)
@@ -28,8 +32,9 @@ _FLASH = "flash the firmware built from this protocol.toml"
 class Session:
     """What is known of the board, from one connection to the next."""
 
-    def __init__(self, wheels: Wheels) -> None:
-        self._wheels = wheels
+    def __init__(self, robot: RobotConfig) -> None:
+        self._wheels = robot.wheels
+        self._wanted_settings = settings_for(robot)
         self._decoder = Decoder()
         self._clock = ClockSync()
         self._counts = {"connections": 0, "restarts": 0, "lost": 0}
@@ -46,7 +51,9 @@ class Session:
 
     def _greet(self, now: float) -> None:
         self._identity: IdentityFrame | None = None
-        self._next_hello = now
+        self._settings: SettingsFrame | None = None  # as the board answered
+        self._lost_settings = False
+        self._next_question = now
         self._last_report = now
         self._next_velocity = now
         self._sent = STILL
@@ -67,6 +74,8 @@ class Session:
         for frame in self._decoder.feed(data):
             if isinstance(frame, IdentityFrame):
                 self._introduce(frame, now)
+            elif isinstance(frame, SettingsFrame):
+                self._settings = frame
             elif isinstance(frame, DisplacementFrame) and self.greeted:
                 step = self._step(frame, now)
                 if step is not None:
@@ -74,9 +83,10 @@ class Session:
         return found
 
     def _introduce(self, frame: IdentityFrame, now: float) -> None:
-        if not self.greeted:
-            self._last_report = now
+        before = self.greeted
         self._identity = frame
+        if self.greeted and not before:
+            self._last_report = self._next_question = now
         self._restarted = False
 
     def _step(self, frame: DisplacementFrame, now: float) -> Displacement | None:
@@ -94,6 +104,10 @@ class Session:
             "dropped_by_board": frame.dropped_frames,
             "refused_by_board": frame.bad_frames,
         }
+        if frame.status & DisplacementStatus.SETTINGS_DEFAULTED:
+            self._lost_settings = True
+        if self._settings is None:
+            return None
         if self._base is None:
             self._base = frame, time
             return None
@@ -114,16 +128,22 @@ class Session:
     def transmit(self, now: float, wanted: tuple[int, int] | None) -> bytes:
         """What to send at `now` (s). wanted: ticks/s (left, right), or None to command nothing."""
         if not self.greeted:
-            if now < self._next_hello:
-                return b""
-            self._next_hello = now + HELLO_PERIOD_S
-            return DELIMITER + encode(HelloFrame())
+            return self._ask(HelloFrame(), now)
+        if self._settings is None:
+            # Not before its first report, which tells whether it had lost the stored ones.
+            return self._ask(self._wanted_settings, now) if self._last else b""
         if wanted is None:
             return self.stop() if self._sent != STILL else b""
         if wanted == self._sent and now < self._next_velocity:
             return b""
         self._sent, self._next_velocity = wanted, now + VELOCITY_PERIOD_S
         return encode(VelocityFrame(*wanted))
+
+    def _ask(self, question: HelloFrame | SettingsFrame, now: float) -> bytes:
+        if now < self._next_question:
+            return b""
+        self._next_question = now + ASK_PERIOD_S
+        return DELIMITER + encode(question)
 
     def stop(self) -> bytes:
         """What stops the wheels; nothing where the board would not understand it."""
@@ -142,10 +162,20 @@ class Session:
             )
         if now > self._last_report + PATIENCE_S:
             return False, "the board fell silent: check its power, press its reset button"
+        if self._settings is None:
+            return False, "telling the board its settings"
         version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
-        if self._last and self._last.status & DisplacementStatus.SETTINGS_DEFAULTED:
-            return True, f"firmware {version}; stored settings were lost, defaults are in force"
-        return True, f"firmware {version}"
+        return True, f"firmware {version}" + self._about_settings(self._settings)
+
+    def _about_settings(self, settings: SettingsFrame) -> str:
+        lost = "; its stored settings were lost, it has robot.toml's now" * self._lost_settings
+        wanted = asdict(self._wanted_settings)
+        others = [
+            f"{name} {value} instead of {wanted[name]}"
+            for name, value in asdict(settings).items()
+            if value != wanted[name]
+        ]
+        return lost + ("; it can only set " + ", ".join(others) if others else "")
 
     def _unanswered(self, now: float) -> str:
         if self._restarted and now < self._last_report + PATIENCE_S:
@@ -166,6 +196,25 @@ class Session:
             **self._counts,
             **self._by_board,
         }
+
+
+def settings_for(robot: RobotConfig) -> SettingsFrame:
+    """The board's settings, of [motors] and [board]; speeds in ticks of this robot's wheels."""
+    motors = robot.motors
+    ticks_per_metre = sum(wheel_speeds(robot.wheels, 1.0, 0.0)) / 2.0
+    return SettingsFrame(
+        report_rate_hz=robot.board.report_rate_hz,
+        reversed=(
+            motors.left_reversed * SettingsReversed.LEFT_MOTOR
+            | motors.right_reversed * SettingsReversed.RIGHT_MOTOR
+            | motors.left_encoder_reversed * SettingsReversed.LEFT_ENCODER
+            | motors.right_encoder_reversed * SettingsReversed.RIGHT_ENCODER
+        ),
+        full_speed=min(round(motors.full_speed_mps * ticks_per_metre), 0xFFFF),
+        proportional=round(16.0 * motors.proportional),
+        integral=round(16.0 * motors.integral_per_s),
+        acceleration=min(round(motors.acceleration_mps2 * ticks_per_metre), 0xFFFF),
+    )
 
 
 def _difference(now: int, before: int) -> int:

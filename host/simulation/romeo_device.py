@@ -3,11 +3,18 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from host.drivers.romeo_framing import DELIMITER, Decoder, encode
 from host.drivers.romeo_protocol import (
+    ACCELERATION_MIN_TICKS_PER_S2,
+    ACCELERATION_TICKS_PER_S2,
     BOARD_ROMEO_V2,
     COMMAND_TIMEOUT_MS,
+    FULL_SPEED_MIN_TICKS_PER_S,
+    FULL_SPEED_TICKS_PER_S,
+    INTEGRAL_16THS_PER_S,
+    PROPORTIONAL_16THS,
     PROTOCOL_HASH,
     REPORT_RATE_HZ,
     REPORT_RATE_MAX_HZ,
@@ -24,6 +31,14 @@ from host.drivers.romeo_protocol import (
 )
 
 VERSION = (0, 1, 0)
+DEFAULTS = SettingsFrame(
+    report_rate_hz=REPORT_RATE_HZ,
+    reversed=0,
+    full_speed=FULL_SPEED_TICKS_PER_S,
+    proportional=PROPORTIONAL_16THS,
+    integral=INTEGRAL_16THS_PER_S,
+    acceleration=ACCELERATION_TICKS_PER_S2,
+)
 ALL_REVERSED = sum(SettingsReversed)
 
 
@@ -52,7 +67,7 @@ class RomeoStandIn:
         self.protocol_hash = PROTOCOL_HASH
         self.silent = False
         self.settings_defaulted = False
-        self.settings = SettingsFrame(report_rate_hz=REPORT_RATE_HZ, reversed=0)
+        self.settings = DEFAULTS
         self._ticks = ticks
         self._drift = drift
         self._switch_on(start, first_count_us)
@@ -85,8 +100,15 @@ class RomeoStandIn:
         if isinstance(frame, VelocityFrame):
             self._velocity = now, frame
         elif isinstance(frame, SettingsFrame):
-            rate = min(max(frame.report_rate_hz, REPORT_RATE_MIN_HZ), REPORT_RATE_MAX_HZ)
-            self.settings = SettingsFrame(rate, frame.reversed & ALL_REVERSED)
+            self.settings = replace(
+                frame,
+                report_rate_hz=min(
+                    max(frame.report_rate_hz, REPORT_RATE_MIN_HZ), REPORT_RATE_MAX_HZ
+                ),
+                reversed=frame.reversed & ALL_REVERSED,
+                full_speed=max(frame.full_speed, FULL_SPEED_MIN_TICKS_PER_S),
+                acceleration=max(frame.acceleration, ACCELERATION_MIN_TICKS_PER_S2),
+            )
             self.settings_defaulted = False
             return self.settings
         elif isinstance(frame, ReadSettingsFrame):

@@ -20,6 +20,7 @@ from host.simulation.x4_device import X4Emulator
 OBSERVER = 0
 TRUTH_HZ = 10.0
 _TICK_S = 0.1
+_TALKS = 5  # of host and board a tick
 
 Arrival = tuple[float, Message]
 
@@ -41,7 +42,8 @@ class Simulation:
         self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
         self.board = RomeoStandIn(self._encoders.ticks)
         self._decoder = Decoder()
-        self._session = Session(config.wheels)
+        self._session = Session(config)
+        self._talked = 0.0
         self._frames = 0
         self._truths = 0
 
@@ -80,10 +82,13 @@ class Simulation:
                 yield time, scan
 
     def _displacements(self, now: float) -> Iterator[Arrival]:
-        for time, data in self.board.transmit(now):
-            for displacement in self._session.receive(data, time):
-                yield time, displacement
-        self.board.receive(self._session.transmit(now, None), now)
+        # A host answers at once, not once a tick.
+        for talk in np.linspace(self._talked, now, _TALKS + 1)[1:]:
+            for time, data in self.board.transmit(talk):
+                for displacement in self._session.receive(data, time):
+                    yield time, displacement
+            self.board.receive(self._session.transmit(talk, None), talk)
+        self._talked = now
 
     def _bearings(self, now: float) -> Iterator[Arrival]:
         delay = self.scenario.camera_delay_s

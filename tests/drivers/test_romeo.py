@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from host.config import Board, Wheels
+from host.config import Board, RobotConfig, Wheels
 from host.drivers.differential_drive import body_speeds
 from host.drivers.romeo import Romeo
 from host.drivers.romeo_framing import Decoder
@@ -99,7 +99,7 @@ class Driver:
     """A Romeo in its thread, and what it has emitted."""
 
     def __init__(self, port: str) -> None:
-        self.romeo = Romeo(WHEELS, Board(port=port))
+        self.romeo = Romeo(RobotConfig(board=Board(port=port)))
         self.messages: list[Message] = []
         self.error: BaseException | None = None
         self._stop = threading.Event()
@@ -248,7 +248,7 @@ def test_commands_reach_the_wheels_within_limits_and_end_with_the_driver(
 
 def test_wheels_too_fast_for_a_frame_keep_to_their_arc() -> None:
     wheels = Wheels(counts_per_turn=100_000, max_speed_mps=4.0, max_turn_rate_radps=40.0)
-    romeo = Romeo(wheels, Board(), clock=lambda: 0.0)
+    romeo = Romeo(RobotConfig(wheels=wheels), clock=lambda: 0.0)
     romeo.command(4.0, 40.0)
     wanted = romeo._command_at(0.0)
     assert wanted is not None
@@ -260,4 +260,4 @@ def test_wheels_too_fast_for_a_frame_keep_to_their_arc() -> None:
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_a_command_that_is_no_number_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="finite"):
-        Romeo(WHEELS, Board()).command(value, 0.0)
+        Romeo(RobotConfig()).command(value, 0.0)

@@ -6,16 +6,18 @@ import random
 
 import pytest
 
-from host.config import Wheels
+from host.config import Board, Motors, RobotConfig, Wheels
 from host.drivers.romeo_framing import Decoder, encode
 from host.drivers.romeo_protocol import (
     PROTOCOL_HASH,
     DisplacementFrame,
     HelloFrame,
     IdentityFrame,
+    SettingsFrame,
+    SettingsReversed,
     VelocityFrame,
 )
-from host.drivers.romeo_session import Session
+from host.drivers.romeo_session import Session, settings_for
 from host.messages import Displacement
 from host.simulation.romeo_device import RomeoStandIn
 
@@ -29,8 +31,10 @@ def driving(now: float) -> tuple[int, int]:
 class Line:
     """Session and board on a line that loses and delays as told, 1 ms a step."""
 
-    def __init__(self, board: RomeoStandIn, start: float = 100.0) -> None:
-        self.board, self.session = board, Session(Wheels())
+    def __init__(
+        self, board: RomeoStandIn, start: float = 100.0, robot: RobotConfig | None = None
+    ) -> None:
+        self.board, self.session = board, Session(robot or RobotConfig())
         self.now = start
         self.steps: list[Displacement] = []
         self.lose = self.tear = 0.0
@@ -191,13 +195,15 @@ def test_a_restart_is_told_by_the_clock_where_somebody_else_greeted_the_board() 
 
 
 def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
-    session = Session(Wheels())
+    session = Session(RobotConfig())
     session.connect(0.0)
     identity = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, 1))
     session.receive(identity[:4], 0.1)
     session.connect(1.0)
     session.receive(identity, 1.1)
-    assert session.state(1.1) == (True, "firmware 1.2.3")
+    assert session.state(1.1) == (False, "telling the board its settings")
+    session.receive(encode(settings_for(RobotConfig())), 1.2)
+    assert session.state(1.2) == (True, "firmware 1.2.3")
 
 
 def test_a_silent_board_and_its_return() -> None:
@@ -234,7 +240,8 @@ def test_lost_settings_are_told_while_the_board_works() -> None:
     line.run(1.0)
     ok, reason = line.state
     assert ok
-    assert "defaults are in force" in reason
+    assert "stored settings were lost" in reason
+    assert not line.board.settings_defaulted
 
 
 def test_commands_are_repeated_while_wanted_and_end_with_a_stop() -> None:
@@ -275,7 +282,7 @@ def test_a_new_connection_forgets_counters_of_the_last() -> None:
 def test_noise_and_absurd_values_never_raise(seed: int) -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
-    session = Session(Wheels())
+    session = Session(RobotConfig())
     now = 0.0
     for _ in range(3000):
         now += rng.random() * 0.1
@@ -301,3 +308,34 @@ def test_noise_and_absurd_values_never_raise(seed: int) -> None:
             assert step.interval > 0
         session.transmit(now, (1, 1))
         session.state(now)
+
+
+def test_the_board_gets_the_settings_of_robot_toml_before_anything_moves_or_counts() -> None:
+    wheels = Wheels(left_radius_m=0.03, right_radius_m=0.034, counts_per_turn=3840)
+    motors = Motors(
+        right_reversed=True, left_encoder_reversed=True, full_speed_mps=0.5, acceleration_mps2=2.0
+    )
+    robot = RobotConfig(wheels=wheels, motors=motors, board=Board(report_rate_hz=100))
+    line = Line(RomeoStandIn(driving, start=99.0), robot=robot)
+    line.wanted = (100, 100)
+    line.run(1.0)
+    kinds = [type(frame) for frame in Decoder().feed(bytes(line.to_board))]
+    assert kinds[:3] == [HelloFrame, SettingsFrame, VelocityFrame]
+    got = line.board.settings
+    assert got.report_rate_hz == 100
+    assert got.reversed == SettingsReversed.RIGHT_MOTOR | SettingsReversed.LEFT_ENCODER
+    # By hand, with each wheel's own ticks per metre averaged: 3840 / (2 pi 0.032) is not it.
+    per_metre = 3840 / (2 * math.pi) * (1 / 0.03 + 1 / 0.034) / 2
+    assert got.full_speed == pytest.approx(0.5 * per_metre, abs=0.5)
+    assert got.acceleration == pytest.approx(2.0 * per_metre, abs=0.5)
+    assert (got.proportional, got.integral) == (16, 128)
+    assert len(line.steps) == pytest.approx(97, abs=3)
+
+
+def test_what_the_board_cannot_set_is_told() -> None:
+    robot = RobotConfig(wheels=Wheels(counts_per_turn=4))
+    line = Line(RomeoStandIn(driving, start=99.0), robot=robot)
+    line.run(1.0)
+    ok, reason = line.state
+    assert ok
+    assert "it can only set full_speed 100 instead of" in reason

@@ -159,7 +159,7 @@ def test_the_real_drivers_work_and_outlive_unplugging() -> None:
     with LiveSimulation(ARENA, RobotConfig(), unplugged) as live, Threads() as threads:
         begin = time.monotonic()
         threads.start(X4(live.config.lidar), inbox)
-        threads.start(Romeo(live.config.wheels, live.config.board), inbox)
+        threads.start(Romeo(live.config), inbox)
         threads.start(live.camera, inbox)
         (failed,) = inbox.wait_for(Health)[:1]
         assert not failed.ok

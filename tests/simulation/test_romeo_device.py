@@ -1,6 +1,7 @@
 """The board that is not there behaves as protocol.toml says."""
 
 import random
+from dataclasses import replace
 
 import pytest
 
@@ -16,7 +17,7 @@ from host.drivers.romeo_protocol import (
     SettingsFrame,
     VelocityFrame,
 )
-from host.simulation.romeo_device import RomeoStandIn
+from host.simulation.romeo_device import DEFAULTS, RomeoStandIn
 
 
 def driving(now: float) -> tuple[int, int]:
@@ -82,14 +83,14 @@ def test_settings_are_brought_into_bounds_and_answered() -> None:
     board = RomeoStandIn(driving)
     board.settings_defaulted = True
     assert reports(board, 0.0)[-1][1].status & DisplacementStatus.SETTINGS_DEFAULTED
-    board.receive(encode(SettingsFrame(report_rate_hz=255, reversed=0xFF)), 0.01)
+    board.receive(encode(replace(DEFAULTS, report_rate_hz=255, reversed=0xFF)), 0.01)
     board.receive(encode(ReadSettingsFrame()), 0.01)
     got = sent(board, 1.005)
     answers = [f for _, f in got if isinstance(f, SettingsFrame)]
-    assert answers == [SettingsFrame(100, 0x0F)] * 2
+    assert answers == [replace(DEFAULTS, report_rate_hz=100, reversed=0x0F)] * 2
     assert len(got) == 2 + 99  # from 0.02 s on, a hundred a second
     assert not reports(board, 1.1)[-1][1].status & DisplacementStatus.SETTINGS_DEFAULTED
-    board.receive(encode(SettingsFrame(report_rate_hz=0, reversed=0)), 1.2)
+    board.receive(encode(replace(DEFAULTS, report_rate_hz=0)), 1.2)
     assert board.settings.report_rate_hz == 10
 
 

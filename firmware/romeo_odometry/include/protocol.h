@@ -9,7 +9,7 @@
 #error "frames are little-endian"
 #endif
 
-#define PROTOCOL_HASH 0x7542284eUL
+#define PROTOCOL_HASH 0x59cc0385UL
 #define PROTOCOL_DELIMITER 0x00
 /* Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes. */
 #define PROTOCOL_LARGEST_FRAME 20
@@ -23,6 +23,18 @@
 #define PROTOCOL_REPORT_RATE_MIN_HZ 10
 /* [Hz] highest report rate */
 #define PROTOCOL_REPORT_RATE_MAX_HZ 100
+/* [ticks/s] settings.full_speed by default: 160 turns a minute of 1920 ticks each */
+#define PROTOCOL_FULL_SPEED_TICKS_PER_S 5120
+/* [ticks/s] lowest settings.full_speed */
+#define PROTOCOL_FULL_SPEED_MIN_TICKS_PER_S 100
+/* [1/16] settings.proportional by default */
+#define PROTOCOL_PROPORTIONAL_16THS 16
+/* [1/16 s] settings.integral by default */
+#define PROTOCOL_INTEGRAL_16THS_PER_S 128
+/* [ticks/s2] settings.acceleration by default */
+#define PROTOCOL_ACCELERATION_TICKS_PER_S2 14000
+/* [ticks/s2] lowest settings.acceleration */
+#define PROTOCOL_ACCELERATION_MIN_TICKS_PER_S2 100
 /* [1] identity.board of a DFRobot Romeo V2 */
 #define PROTOCOL_BOARD_ROMEO_V2 1
 
@@ -60,6 +72,7 @@ static_assert(sizeof(struct identity_frame) == 9, "identity_frame is not packed"
 #define DISPLACEMENT_STATUS_COMMAND_TIMED_OUT 0x02
 /* the stored settings were missing or damaged: defaults are in force until the next write */
 #define DISPLACEMENT_STATUS_SETTINGS_DEFAULTED 0x04
+#define DISPLACEMENT_STATUS_ALL 0x07
 struct __attribute__((packed)) displacement_frame {
     uint8_t id; /* DISPLACEMENT_ID */
     /* [frames] counts up by one a frame, dropped ones included */
@@ -109,13 +122,23 @@ static_assert(sizeof(struct read_settings_frame) == 1, "read_settings_frame is n
 #define SETTINGS_REVERSED_LEFT_ENCODER 0x04
 /* the right encoder counts down when driving forward */
 #define SETTINGS_REVERSED_RIGHT_ENCODER 0x08
+#define SETTINGS_REVERSED_ALL 0x0f
 struct __attribute__((packed)) settings_frame {
     uint8_t id; /* SETTINGS_ID */
     /* [Hz] displacement frames a second, between report_rate_min_hz and report_rate_max_hz */
     uint8_t report_rate_hz;
     /* [bits] what is wired the other way round, see the bits */
     uint8_t reversed;
+    /* [ticks/s] of a wheel that turns freely at full duty; the control's feed-forward is
+     * wanted / full_speed */
+    uint16_t full_speed;
+    /* [1/16] control: share of full duty for an error of full_speed */
+    uint8_t proportional;
+    /* [1/16 s] control: share of full duty for each second of an error of full_speed */
+    uint8_t integral;
+    /* [ticks/s2] the wanted speed is followed no faster; a command timeout stops at once */
+    uint16_t acceleration;
 };
-static_assert(sizeof(struct settings_frame) == 3, "settings_frame is not packed");
+static_assert(sizeof(struct settings_frame) == 9, "settings_frame is not packed");
 
 #endif

@@ -1,0 +1,110 @@
+// A Romeo V2 board in a robot: counts wheel ticks, holds wheel speeds, talks frames over USB.
+//
+// What must never wait runs in interrupts: the encoders' edges, and a hundred times a second the
+// wheels' control with the command timeout. The loop does the rest and waits for nothing.
+
+#include <Arduino.h>
+#include <avr/wdt.h>
+
+#include "displacement.h"
+#include "encoders.h"
+#include "link.h"
+#include "motors.h"
+#include "protocol.h"
+#include "settings_store.h"
+#include "version.h"
+#include "wheel_control.h"
+
+namespace {
+
+bool greeted;
+
+void apply_settings() {
+    const settings_frame &settings = settings_store::in_force();
+    encoders::reverse(settings.reversed);
+    motors::reverse(settings.reversed);
+    wheel_control::configure(settings);
+}
+
+void send_identity() {
+    identity_frame frame = {};
+    frame.id = IDENTITY_ID;
+    frame.protocol_hash = PROTOCOL_HASH;
+    frame.version_major = FIRMWARE_VERSION_MAJOR;
+    frame.version_minor = FIRMWARE_VERSION_MINOR;
+    frame.version_patch = FIRMWARE_VERSION_PATCH;
+    frame.board = PROTOCOL_BOARD_ROMEO_V2;
+    link::send(&frame, sizeof frame);
+}
+
+void send_settings() {
+    link::send(&settings_store::in_force(), sizeof(settings_frame));
+}
+
+void send_displacement() {
+    displacement_frame frame = displacement::measure();
+    frame.status = (greeted ? 0 : DISPLACEMENT_STATUS_FRESH) |
+                   (wheel_control::timed_out() ? DISPLACEMENT_STATUS_COMMAND_TIMED_OUT : 0) |
+                   (settings_store::defaulted() ? DISPLACEMENT_STATUS_SETTINGS_DEFAULTED : 0);
+    frame.dropped_frames = link::dropped_frames();
+    frame.bad_frames = link::bad_frames();
+    link::send(&frame, sizeof frame);
+}
+
+// The content as a frame of this type, nullptr where it has another id or length.
+template <typename T>
+const T *as(uint8_t id, const uint8_t *content, uint8_t size) {
+    return content[0] == id && size == sizeof(T) ? reinterpret_cast<const T *>(content) : nullptr;
+}
+
+void handle(const uint8_t *content, uint8_t size) {
+    if (const auto *velocity = as<velocity_frame>(VELOCITY_ID, content, size)) {
+        wheel_control::command({velocity->left_ticks_per_s, velocity->right_ticks_per_s});
+    } else if (as<hello_frame>(HELLO_ID, content, size)) {
+        greeted = true;
+        send_identity();
+    } else if (as<read_settings_frame>(READ_SETTINGS_ID, content, size)) {
+        send_settings();
+    } else if (const auto *wanted = as<settings_frame>(SETTINGS_ID, content, size)) {
+        settings_store::write(*wanted);
+        apply_settings();
+        send_settings();
+    } else {
+        link::refuse();
+    }
+}
+
+} // namespace
+
+// The bootloader stops the watchdog that a reset leaves running; a board without one must too.
+void stop_watchdog() __attribute__((naked, used, section(".init3")));
+void stop_watchdog() {
+    MCUSR = 0;
+    wdt_disable();
+}
+
+void setup() {
+    motors::begin();
+    encoders::begin();
+    wheel_control::begin();
+    settings_store::begin();
+    apply_settings();
+    link::begin();
+    wdt_enable(WDTO_500MS);
+}
+
+// Not inlined, so that the simulator can time its passes.
+void __attribute__((noinline)) loop() {
+    // The way into the bootloader is the watchdog's reset: then it must not be held off.
+    if (!link::bootloader_asked()) {
+        wdt_reset();
+    }
+    uint8_t size;
+    if (const uint8_t *content = link::receive(&size)) {
+        handle(content, size);
+    }
+    settings_store::step();
+    if (displacement::due(micros(), settings_store::in_force().report_rate_hz) && link::is_open()) {
+        send_displacement();
+    }
+}
