@@ -1,18 +1,6 @@
 #include "displacement.h"
 
-#include <Arduino.h>
-#include <util/atomic.h>
-
-#include "encoders.h"
-
-namespace {
-
-uint32_t last_due_us;
-uint16_t sequence;
-
-} // namespace
-
-bool displacement::due(uint32_t now_us, uint8_t report_rate_hz) {
+bool DisplacementReports::due(uint32_t now_us, uint8_t report_rate_hz) {
     const uint32_t period_us = 1000000UL / report_rate_hz;
     const uint32_t since_us = now_us - last_due_us;
     if (since_us < period_us) {
@@ -23,15 +11,12 @@ bool displacement::due(uint32_t now_us, uint8_t report_rate_hz) {
     return true;
 }
 
-displacement_frame displacement::measure() {
+displacement_frame DisplacementReports::make(uint32_t time_us, Wheels<int32_t> ticks) {
     displacement_frame frame = {};
     frame.id = DISPLACEMENT_ID;
     frame.sequence = sequence++;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        frame.board_time_us = micros();
-        const Wheels<int32_t> ticks = encoders::read();
-        frame.left_ticks = ticks.left;
-        frame.right_ticks = ticks.right;
-    }
+    frame.board_time_us = time_us;
+    frame.left_ticks = ticks.left;
+    frame.right_ticks = ticks.right;
     return frame;
 }

@@ -9,14 +9,15 @@
 namespace {
 
 struct Encoder {
-    volatile int32_t edges; // forward positive with channel A ahead of B
-    int32_t offset;         // keeps the count where it was when the sign changes
+    // Unsigned, because they run over.
+    volatile uint32_t edges; // counts up with channel A ahead of B
+    uint32_t offset;         // keeps the ticks where they were when the sign changes
     bool reversed;
 
-    int32_t ticks() const { return reversed ? offset - edges : offset + edges; }
+    uint32_t ticks() const { return reversed ? offset - edges : offset + edges; }
 
     void reverse(bool now_reversed) {
-        const int32_t before = ticks();
+        const uint32_t before = ticks();
         reversed = now_reversed;
         offset = reversed ? before + edges : before - edges;
     }
@@ -114,5 +115,5 @@ void encoders::reverse(uint8_t reversed) {
 }
 
 Wheels<int32_t> encoders::read() {
-    return {left.ticks(), right.ticks()};
+    return {static_cast<int32_t>(left.ticks()), static_cast<int32_t>(right.ticks())};
 }

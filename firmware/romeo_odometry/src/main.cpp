@@ -5,6 +5,7 @@
 
 #include <Arduino.h>
 #include <avr/wdt.h>
+#include <util/atomic.h>
 
 #include "displacement.h"
 #include "encoders.h"
@@ -17,7 +18,8 @@
 
 namespace {
 
-bool greeted;
+DisplacementReports reports;
+bool greeted; // a host has said hello since start
 
 void apply_settings() {
     const settings_frame &settings = settings_store::in_force();
@@ -42,7 +44,13 @@ void send_settings() {
 }
 
 void send_displacement() {
-    displacement_frame frame = displacement::measure();
+    uint32_t now_us;
+    Wheels<int32_t> ticks;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        now_us = micros();
+        ticks = encoders::read();
+    }
+    displacement_frame frame = reports.make(now_us, ticks);
     frame.status = (greeted ? 0 : DISPLACEMENT_STATUS_FRESH) |
                    (wheel_control::timed_out() ? DISPLACEMENT_STATUS_COMMAND_TIMED_OUT : 0) |
                    (settings_store::defaulted() ? DISPLACEMENT_STATUS_SETTINGS_DEFAULTED : 0);
@@ -104,7 +112,7 @@ void __attribute__((noinline)) loop() {
         handle(content, size);
     }
     settings_store::step();
-    if (displacement::due(micros(), settings_store::in_force().report_rate_hz) && link::is_open()) {
+    if (reports.due(micros(), settings_store::in_force().report_rate_hz) && link::is_open()) {
         send_displacement();
     }
 }
