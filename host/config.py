@@ -55,7 +55,7 @@ class Motors(Section):
     left_encoder_reversed: bool = False
     right_encoder_reversed: bool = False
     full_speed_mps: float = Field(0.54, gt=0.02, lt=5.0)  # at full duty, running freely
-    proportional: float = Field(1.0, ge=0.0, lt=15.95)
+    proportional: float = Field(2.0, ge=0.0, lt=15.95)
     integral_per_s: float = Field(8.0, ge=0.0, lt=15.95)
     acceleration_mps2: float = Field(1.5, ge=0.05, le=20.0)
 

@@ -9,7 +9,7 @@ from enum import IntFlag
 from struct import Struct
 from typing import ClassVar
 
-PROTOCOL_HASH = 0x59CC0385
+PROTOCOL_HASH = 0xAFA9B613
 # Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes.
 LARGEST_FRAME = 20
 LARGEST_ENCODED = 24
@@ -27,7 +27,7 @@ FULL_SPEED_TICKS_PER_S = 5120
 # [ticks/s] lowest settings.full_speed
 FULL_SPEED_MIN_TICKS_PER_S = 100
 # [1/16] settings.proportional by default
-PROPORTIONAL_16THS = 16
+PROPORTIONAL_16THS = 32
 # [1/16 s] settings.integral by default
 INTEGRAL_16THS_PER_S = 128
 # [ticks/s2] settings.acceleration by default

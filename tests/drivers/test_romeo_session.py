@@ -328,7 +328,7 @@ def test_the_board_gets_the_settings_of_robot_toml_before_anything_moves_or_coun
     per_metre = 3840 / (2 * math.pi) * (1 / 0.03 + 1 / 0.034) / 2
     assert got.full_speed == pytest.approx(0.5 * per_metre, abs=0.5)
     assert got.acceleration == pytest.approx(2.0 * per_metre, abs=0.5)
-    assert (got.proportional, got.integral) == (16, 128)
+    assert (got.proportional, got.integral) == (32, 128)
     assert len(line.steps) == pytest.approx(97, abs=3)
 
 

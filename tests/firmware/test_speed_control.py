@@ -69,7 +69,7 @@ class Formula:
             self.lag = 0.0
             return 0.0
         ki = self.s.integral / 16
-        most = self.s.full_speed / 2 / ki
+        most = self.s.full_speed / 4 / ki
         lag = min(max(self.lag + error / HZ, -most), most)
         output = (self.reference + self.s.proportional / 16 * error + ki * lag) / self.s.full_speed
         if abs(output) <= 1.0 or output * error <= 0.0:

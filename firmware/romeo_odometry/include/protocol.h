@@ -9,7 +9,7 @@
 #error "frames are little-endian"
 #endif
 
-#define PROTOCOL_HASH 0x59cc0385UL
+#define PROTOCOL_HASH 0xafa9b613UL
 #define PROTOCOL_DELIMITER 0x00
 /* Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes. */
 #define PROTOCOL_LARGEST_FRAME 20
@@ -28,7 +28,7 @@
 /* [ticks/s] lowest settings.full_speed */
 #define PROTOCOL_FULL_SPEED_MIN_TICKS_PER_S 100
 /* [1/16] settings.proportional by default */
-#define PROTOCOL_PROPORTIONAL_16THS 16
+#define PROTOCOL_PROPORTIONAL_16THS 32
 /* [1/16 s] settings.integral by default */
 #define PROTOCOL_INTEGRAL_16THS_PER_S 128
 /* [ticks/s2] settings.acceleration by default */

@@ -13,7 +13,7 @@ void SpeedControl::configure(const settings_frame &settings) {
     proportional = settings.proportional;
     integral = settings.integral;
     most_change = settings.acceleration / CONTROL_HZ;
-    most_lag = integral ? full_output / 2 * CONTROL_HZ / integral : 0;
+    most_lag = integral ? full_output / 4 * CONTROL_HZ / integral : 0;
     lag = clipped(lag, most_lag);
 }
 

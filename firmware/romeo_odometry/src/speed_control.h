@@ -34,6 +34,6 @@ private:
 
     int16_t reference = 0; // the speed asked for in this period: `wanted`, but for the ramp
     int32_t lag = 0;       // how far the wheel is behind the reference, 1 / CONTROL_HZ ticks
-    int32_t most_lag = 0;  // where the integral part alone gives half the full duty
+    int32_t most_lag = 0;  // where the integral part alone gives a quarter of full duty
     int32_t last = 0;      // position one period ago
 };
