@@ -6,7 +6,6 @@ import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
-from host.drivers.romeo_build import symbols
 from host.errors import UserError
 from host.simulation import romeo_library
 
@@ -232,6 +231,8 @@ class RomeoElf:
         if isinstance(place, int):
             return place
         if self._symbols is None:
+            from host.drivers.romeo_build import symbols
+
             self._symbols = symbols(self._elf)
         if place not in self._symbols:
             raise UserError(
