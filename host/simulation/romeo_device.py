@@ -80,6 +80,7 @@ class RomeoStandIn:
         self._start, self._first_count_us = now, first_count_us
         self._first_ticks = self._ticks(now)
         self._decoder = Decoder()
+        self._misdirected = 0  # frames that only a board sends
         self._answers: deque[tuple[float, bytes]] = deque()
         self._greeted = False
         self._velocity: tuple[float, VelocityFrame] | None = None
@@ -113,6 +114,8 @@ class RomeoStandIn:
             return self.settings
         elif isinstance(frame, ReadSettingsFrame):
             return self.settings
+        else:
+            self._misdirected += 1
         return None
 
     def wheel_speeds(self, now: float) -> tuple[int, int]:
@@ -152,7 +155,7 @@ class RomeoStandIn:
             right_ticks=_signed(right - self._first_ticks[1]),
             status=int(status),
             dropped_frames=0,
-            bad_frames=min(self._decoder.counts.refused, 0xFFFF),
+            bad_frames=min(self._decoder.counts.refused + self._misdirected, 0xFFFF),
         )
         self._sequence = (self._sequence + 1) & 0xFFFF
         # A zero byte ahead of the first frame ends whatever a bootloader may have said before.

@@ -1,12 +1,20 @@
-"""The firmware's pure sources, compiled for this machine with every check that the compiler has."""
+"""The firmware, built: for the board, to run in the simulator, and its pure parts for this machine."""
 
 import ctypes
+import functools
 import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
+
+from host.drivers.romeo_build import build_with_avr_gcc
+from host.errors import UserError
+from host.simulation import romeo_library
+from tests.firmware.boards import BoardUnderTest, ElfBoard, StandInBoard
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware/romeo_odometry"
@@ -14,14 +22,44 @@ PURE = ("framing", "speed_control", "settings", "displacement")
 HERE = Path(__file__).resolve().parent / "host"
 
 
+def missing(why: str) -> NoReturn:
+    """Skip, but fail in CI, where everything has to run."""
+    if os.environ.get("CI") == "true":
+        pytest.fail(why)
+    pytest.skip(why)
+
+
+@pytest.fixture(scope="session")
+def elf() -> Callable[[int], Path]:
+    """The firmware's ELF by its encoder edges, 2 or 4, built with avr-gcc."""
+
+    @functools.cache
+    def build(encoder_edges: int) -> Path:
+        try:
+            romeo_library.load()
+            return build_with_avr_gcc({"ENCODER_EDGES": str(encoder_edges)}).elf
+        except UserError as error:
+            missing(str(error))
+
+    return build
+
+
+@pytest.fixture(params=["stand-in", "elf-2x", "elf-4x"])
+def make_board(
+    request: pytest.FixtureRequest, elf: Callable[[int], Path]
+) -> Callable[[int], BoardUnderTest]:
+    """A new board whose clock (us) begins where told."""
+    if request.param == "stand-in":
+        return StandInBoard
+    edges = int(request.param[4])
+    return lambda clock_us: ElfBoard(elf(edges), edges, clock_us)
+
+
 @pytest.fixture(scope="session")
 def pure_parts(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """tests/firmware/host/pure_parts.cpp as a library; undefined behaviour in it aborts."""
     if shutil.which("g++") is None:
-        why = "no g++ on this machine: sudo apt-get install g++"
-        if os.environ.get("CI") == "true":
-            pytest.fail(why)
-        pytest.skip(why)
+        missing("no g++ on this machine: sudo apt-get install g++")
     library = tmp_path_factory.mktemp("firmware") / "pure_parts.so"
     sources = [HERE / "pure_parts.cpp", *(FIRMWARE / f"src/{name}.cpp" for name in PURE)]
     includes = [f"-I{folder}" for folder in (HERE, FIRMWARE / "include", FIRMWARE / "src")]

@@ -18,6 +18,7 @@ from host.drivers.romeo_protocol import (
     Frame,
     VelocityFrame,
 )
+from tests.firmware.boards import on_the_line
 
 SEED = 20260722
 LARGEST = LARGEST_FRAME
@@ -59,12 +60,6 @@ def board_encode(parts: ctypes.CDLL, content: bytes) -> bytes:
     return encoded.raw[:size]
 
 
-def host_encode(content: bytes) -> bytes:
-    """As romeo_framing.encode, for contents that are no frame."""
-    crc = romeo_framing.crc_hqx(content, 0).to_bytes(2, "little")
-    return bytes(cobs.encode(content + crc)) + b"\0"
-
-
 def random_frame(rng: random.Random) -> Frame:
     kind = rng.choice(list(FRAMES.values()))
     values = kind.LAYOUT.unpack(bytes([kind.ID]) + _bytes(rng, kind.LAYOUT.size - 1))
@@ -78,7 +73,7 @@ def _bytes(rng: random.Random, size: int) -> bytes:
 
 @given(st.binary(min_size=1, max_size=LARGEST))
 def test_both_sides_encode_to_the_same_bytes(pure_parts: ctypes.CDLL, content: bytes) -> None:
-    assert board_encode(pure_parts, content) == host_encode(content)
+    assert board_encode(pure_parts, content) == on_the_line(content)
 
 
 def test_the_board_takes_every_frame_of_the_host(decoder: BoardDecoder) -> None:
