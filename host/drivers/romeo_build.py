@@ -5,10 +5,13 @@ import os
 import shlex
 import shutil
 import subprocess
+import sys
 import tempfile
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from host.drivers import elf
@@ -31,6 +34,15 @@ _PACKAGES = {
 _RECIPES = {".c": "c.o", ".cpp": "cpp.o", ".S": "S.o"}
 _OUR_WARNINGS = {"compiler.warning_flags": "-Wall -Wextra -Werror"}
 _NAME = "firmware"
+REGISTRY = "https://api.registry.platformio.org/v3/packages/platformio/platform/atmelavr"
+REGISTRY_PATIENCE_S = 3.0
+_ENVIRONMENT = "leonardo"  # of platformio.ini
+_PLATFORM_PARTS = (
+    "platforms/atmelavr",
+    "packages/toolchain-atmelavr",
+    "packages/framework-arduino-avr",
+    "packages/tool-scons",
+)
 
 symbols = elf.symbols  # of Firmware.elf: its addresses by name
 
@@ -58,6 +70,76 @@ def build_with_avr_gcc(
     perhaps include/. Raises UserError where packages are missing (it names them) or where the
     sources do not compile.
     """
+    require_avr_gcc()
+    core = ArduinoCore()
+    compiler = _run([str(_PACKAGES["gcc-avr"]), "-dumpfullversion", "-dumpversion"]).strip()
+    archive = _core_archive(core, compiler)
+    flags = [f"-D{name}={value}" for name, value in sorted((defines or {}).items())]
+    folder = _project_build(core, archive, flags, project)
+    return measured(folder / f"{_NAME}.elf", f"avr-gcc {compiler}")
+
+
+def build_with_platformio(project: Path = PROJECT, workspace: Path | None = None) -> Firmware:
+    """Build with PlatformIO, which downloads what its folder (PLATFORMIO_CORE_DIR) lacks.
+
+    project: a folder with a platformio.ini. workspace: for what is built; None: one under BUILDS.
+    Raises UserError where PlatformIO is not installed or the build fails.
+    """
+    pio = find_platformio()
+    if pio is None:
+        raise UserError(
+            "cannot build the firmware with PlatformIO",
+            "it is not installed",
+            "run: pip install platformio    or build with Debian's avr-gcc",
+        )
+    workspace = workspace or BUILDS / "platformio"
+    environment = {
+        "PLATFORMIO_WORKSPACE_DIR": str(workspace),
+        # To build is not to agree to be counted.
+        "PLATFORMIO_SETTING_ENABLE_TELEMETRY": "false",
+        "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
+    }
+    _run([pio, "run", "--project-dir", str(project), "--environment", _ENVIRONMENT], environment)
+    version = _run([pio, "--version"]).split()[-1]
+    return measured(workspace / "build" / _ENVIRONMENT / f"{_NAME}.elf", f"PlatformIO {version}")
+
+
+def build(project: Path = PROJECT) -> Firmware:
+    """Build with PlatformIO where it can, else with Debian's avr-gcc; `built_with` tells why."""
+    if find_platformio() is None:
+        obstacle = "PlatformIO is not installed"
+    elif _has_platform() or _registry_answers():
+        return build_with_platformio(project)
+    else:
+        obstacle = "PlatformIO's registry does not answer"
+    built = build_with_avr_gcc(project=project)
+    return replace(built, built_with=f"{built.built_with}, for {obstacle}")
+
+
+def find_platformio() -> str | None:
+    """The command `pio`: that of this Python's environment, else the one on PATH."""
+    beside = Path(sys.executable).with_name("pio")
+    return str(beside) if beside.exists() else shutil.which("pio")
+
+
+def _has_platform() -> bool:
+    """Has PlatformIO all it needs in its folder?"""
+    folder = Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
+    return all((folder / part).is_dir() for part in _PLATFORM_PARTS)
+
+
+def _registry_answers() -> bool:
+    try:
+        with urllib.request.urlopen(REGISTRY, timeout=REGISTRY_PATIENCE_S):
+            return True
+    except urllib.error.HTTPError:
+        return True  # whatever it says, it is there
+    except OSError:
+        return False
+
+
+def require_avr_gcc() -> None:
+    """Raise UserError where Debian's packages for a build are missing."""
     missing = [package for package, file in _PACKAGES.items() if not file.exists()]
     if missing:
         raise UserError(
@@ -65,12 +147,6 @@ def build_with_avr_gcc(
             f"not installed: {', '.join(missing)}",
             f"run: sudo apt-get install -y {' '.join(missing)}",
         )
-    core = ArduinoCore()
-    compiler = _run([str(_PACKAGES["gcc-avr"]), "-dumpfullversion", "-dumpversion"]).strip()
-    archive = _core_archive(core, compiler)
-    flags = [f"-D{name}={value}" for name, value in sorted((defines or {}).items())]
-    folder = _project_build(core, archive, flags, project)
-    return measured(folder / f"{_NAME}.elf", f"avr-gcc {compiler}")
 
 
 def measured(built: Path, built_with: str) -> Firmware:
@@ -188,9 +264,16 @@ def _once(name: str, make: Callable[[Path], None]) -> Path:
     return folder
 
 
-def _run(command: Sequence[str]) -> str:
+def _run(command: Sequence[str], environment: Mapping[str, str] | None = None) -> str:
     """The command's standard output. Raises UserError with what it said where it failed."""
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, **(environment or {})},
+    )
     if done.returncode == 0:
         return done.stdout
     said = (done.stderr or done.stdout).strip().splitlines()
