@@ -5,6 +5,7 @@ from typing import Any
 import click
 
 from host.cli.evaluate import evaluate
+from host.cli.flash import flash
 from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.simulate import simulate
@@ -54,5 +55,5 @@ def main(debug: bool) -> None:
     """
 
 
-for command in (run, simulate, replay, evaluate):
+for command in (run, simulate, replay, evaluate, flash):
     main.add_command(command)

@@ -122,10 +122,14 @@ def find_platformio() -> str | None:
     return str(beside) if beside.exists() else shutil.which("pio")
 
 
+def platformio_folder() -> Path:
+    """Where PlatformIO keeps what it has downloaded."""
+    return Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
+
+
 def _has_platform() -> bool:
     """Has PlatformIO all it needs in its folder?"""
-    folder = Path(os.environ.get("PLATFORMIO_CORE_DIR") or Path.home() / ".platformio")
-    return all((folder / part).is_dir() for part in _PLATFORM_PARTS)
+    return all((platformio_folder() / part).is_dir() for part in _PLATFORM_PARTS)
 
 
 def _registry_answers() -> bool:

@@ -26,7 +26,7 @@ ASK_PERIOD_S = 0.5  # hello, and the settings, until they are answered
 VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
 PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
 STILL = (0, 0)
-_FLASH = "flash the firmware built from this protocol.toml"
+_FLASH = "run `swarmloc flash`"
 
 
 class Session:

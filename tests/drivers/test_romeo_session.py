@@ -139,7 +139,7 @@ def test_a_wrong_hash_is_told_with_both_and_nothing_is_believed_or_commanded() -
     assert not ok
     assert reason == (
         f"firmware speaks 0badc0de, host speaks {PROTOCOL_HASH:08x}: "
-        "flash the firmware built from this protocol.toml"
+        "run `swarmloc flash`"
     )
     assert line.steps == []
     assert board.wheel_speeds(line.now) == (0, 0)
@@ -231,7 +231,7 @@ def test_no_answer_and_foreign_answers_differ_in_words() -> None:
     assert "does not answer" in line.state[1]
     line.session.receive(b"1920;1915\r\n1922;1917\r\n", line.now)
     assert "does not introduce itself" in line.state[1]
-    assert "flash the firmware" in line.state[1]
+    assert "run `swarmloc flash`" in line.state[1]
 
 
 def test_lost_settings_are_told_while_the_board_works() -> None:

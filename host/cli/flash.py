@@ -1,0 +1,66 @@
+"""`swarmloc flash`: the board's firmware, built, uploaded and read back."""
+
+from pathlib import Path
+
+import click
+
+from host.cli import options
+from host.drivers import romeo_build, romeo_flash
+from host.drivers.romeo_build import FLASH_BYTES, RAM_BYTES, Firmware
+from host.drivers.romeo_ports import AUTO
+
+
+@click.command(
+    short_help="The board's firmware, built and uploaded.",
+    epilog="""\b
+Examples:
+  swarmloc flash
+  swarmloc flash --port /dev/ttyACM0
+  swarmloc flash --build-only --json firmware.json""",
+)
+@click.option(
+    "--port",
+    default=AUTO,
+    metavar="PORT",
+    help="The board's serial port.  [default: found by its USB id]",
+)
+@click.option("--build-only", is_flag=True, help="Stop before the board is looked for.")
+@options.json_option
+def flash(port: str, build_only: bool, json_path: Path | None) -> None:
+    """Build the firmware, upload it to the board and read back what the board then runs.
+
+    It is built with PlatformIO where that is installed and finds what it needs, otherwise with
+    Debian's avr-gcc.
+    """
+    click.echo("building the firmware (PlatformIO downloads its compiler the first time)")
+    firmware = romeo_build.build()
+    figures = _figures(firmware)
+    click.echo(f"built with {firmware.built_with}")
+    click.echo(f"  ELF    {firmware.elf}")
+    click.echo(f"  flash  {_share(firmware.flash_bytes, FLASH_BYTES)}")
+    click.echo(f"  RAM    {_share(firmware.ram_bytes, RAM_BYTES)}, without the stack")
+    if not build_only:
+        flashed = romeo_flash.flash(firmware, port, click.echo)
+        identity = flashed.identity
+        click.echo(f"done: the board runs {romeo_flash.in_words(identity)}")
+        figures |= {
+            "port": flashed.port,
+            "version": romeo_flash.version(identity),
+            "protocol_hash": f"{identity.protocol_hash:08x}",
+        }
+    options.write_json(json_path, figures)
+
+
+def _figures(firmware: Firmware) -> dict[str, str | int | float]:
+    return {
+        "elf": str(firmware.elf),
+        "built_with": firmware.built_with,
+        "flash_bytes": firmware.flash_bytes,
+        "flash_percent": round(100 * firmware.flash_bytes / FLASH_BYTES, 1),
+        "ram_bytes": firmware.ram_bytes,
+        "ram_percent": round(100 * firmware.ram_bytes / RAM_BYTES, 1),
+    }
+
+
+def _share(used: int, whole: int) -> str:
+    return f"{used} bytes, {100 * used / whole:.1f} % of {whole}"
