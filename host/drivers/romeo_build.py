@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -34,6 +35,8 @@ _PACKAGES = {
 _RECIPES = {".c": "c.o", ".cpp": "cpp.o", ".S": "S.o"}
 _OUR_WARNINGS = {"compiler.warning_flags": "-Wall -Wextra -Werror"}
 _NAME = "firmware"
+# What the compiler and the linker put into a line that says what is wrong.
+_ERROR = re.compile(r"error: (?!ld returned)|undefined reference|multiple definition|within region")
 REGISTRY = "https://api.registry.platformio.org/v3/packages/platformio/platform/atmelavr"
 REGISTRY_PATIENCE_S = 3.0
 _ENVIRONMENT = "leonardo"  # of platformio.ini
@@ -154,15 +157,20 @@ def require_avr_gcc() -> None:
 
 
 def measured(built: Path, built_with: str) -> Firmware:
-    """The firmware in an ELF that has its .hex beside it."""
+    """The firmware in an ELF that has its .hex beside it. Raises UserError where it is too large.
+
+    The linker does not know that the bootloader takes a part of the flash.
+    """
     sizes = elf.section_sizes(built)
-    return Firmware(
-        elf=built,
-        hex=built.with_suffix(".hex"),
-        flash_bytes=sum(sizes.get(name, 0) for name in (".text", ".data")),
-        ram_bytes=sum(sizes.get(name, 0) for name in (".data", ".bss", ".noinit")),
-        built_with=built_with,
-    )
+    flash = sum(sizes.get(name, 0) for name in (".text", ".data"))
+    ram = sum(sizes.get(name, 0) for name in (".data", ".bss", ".noinit"))
+    if flash > FLASH_BYTES:
+        raise UserError(
+            "the firmware does not fit the board",
+            f"it takes {flash} bytes of flash, and the board has {FLASH_BYTES}",
+            "make it smaller",
+        )
+    return Firmware(built, built.with_suffix(".hex"), flash, ram, built_with)
 
 
 def _core_archive(core: ArduinoCore, compiler: str) -> Path:
@@ -276,12 +284,12 @@ def _run(command: Sequence[str], environment: Mapping[str, str] | None = None) -
         text=True,
         check=False,
         stdin=subprocess.DEVNULL,
-        env={**os.environ, **(environment or {})},
+        env={**os.environ, "LC_ALL": "C", **(environment or {})},
     )
     if done.returncode == 0:
         return done.stdout
     said = (done.stderr or done.stdout).strip().splitlines()
-    errors = [line for line in said if "error" in line] or said[-1:] or ["it did not say why"]
+    errors = [line for line in said if _ERROR.search(line)] or said[-1:] or ["it did not say why"]
     raise UserError(
         f"cannot build the firmware: {Path(command[0]).name} failed",
         "\n".join(errors[:3]),

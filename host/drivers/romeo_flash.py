@@ -36,7 +36,7 @@ from host.errors import UserError
 TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way to the bootloader
 UPLOAD_BAUDRATE = 57600
 BOOTLOADER_S = 8.0  # to appear, and about as long it stays
-UPLOAD_S = 60.0
+UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
 SKETCH_S = 10.0
 IDENTITY_S = 4.0
 HELLO_PERIOD_S = 0.5
@@ -199,6 +199,7 @@ def upload(avrdude: list[str], image: Path, port: str) -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             timeout=UPLOAD_S,
+            env={**os.environ, "LC_ALL": "C"},  # its errors are looked up below
             check=False,
         )
         said, failed = done.stdout, done.returncode != 0

@@ -138,8 +138,7 @@ def test_a_wrong_hash_is_told_with_both_and_nothing_is_believed_or_commanded() -
     ok, reason = line.state
     assert not ok
     assert reason == (
-        f"firmware speaks 0badc0de, host speaks {PROTOCOL_HASH:08x}: "
-        "run `swarmloc flash`"
+        f"firmware speaks 0badc0de, host speaks {PROTOCOL_HASH:08x}: run `swarmloc flash`"
     )
     assert line.steps == []
     assert board.wheel_speeds(line.now) == (0, 0)
