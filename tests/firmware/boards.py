@@ -1,14 +1,15 @@
 """Boards behind one face, for tests that any of them must pass: the real ELF and the stand-in."""
 
 import math
+import random
 from binascii import crc_hqx
 from pathlib import Path
 from typing import Protocol
 
 from cobs import cobs
 
-from host.drivers.romeo_framing import Decoder
-from host.drivers.romeo_protocol import Frame
+from host.drivers.romeo_framing import Decoder, encode
+from host.drivers.romeo_protocol import DisplacementFrame, Frame, IdentityFrame, VelocityFrame
 from host.simulation.romeo_device import DEFAULTS, RomeoStandIn
 from host.simulation.romeo_elf import LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
 
@@ -150,6 +151,32 @@ class ElfBoard:
 def on_the_line(content: bytes) -> bytes:
     """The bytes of a frame with any content, known or not."""
     return bytes(cobs.encode(content + crc_hqx(content, 0).to_bytes(2, "little"))) + b"\0"
+
+
+def mutated(rng: random.Random) -> bytes:
+    """A velocity frame with bytes changed, cut, doubled or put in, up to its delimiter."""
+    data = bytearray(encode(VelocityFrame(rng.randrange(-3000, 3000), rng.randrange(-3000, 3000))))
+    del data[-1]
+    for _ in range(rng.randrange(1, 4)):
+        place = rng.randrange(len(data))
+        kind = rng.randrange(4)
+        if kind == 0:
+            data[place] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            data[place] = rng.randrange(256)
+        elif kind == 2 and len(data) > 1:
+            del data[place]
+        else:
+            data.insert(place, rng.randrange(256))
+    return bytes(data) + b"\0"
+
+
+def refused_by_board(data: bytes) -> tuple[int, list[Frame]]:
+    """How many frames of `data` a board must refuse, and the whole ones in it."""
+    decoder = Decoder()
+    frames = decoder.feed(data)
+    misdirected = [f for f in frames if isinstance(f, IdentityFrame | DisplacementFrame)]
+    return decoder.counts.refused + len(misdirected), frames
 
 
 def _sign(value: float) -> int:

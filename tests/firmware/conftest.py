@@ -1,4 +1,4 @@
-"""The firmware, built: for the board, to run in the simulator, and its pure parts for this machine."""
+"""The firmware, built: for the board in the simulator, and its pure parts for this machine."""
 
 import ctypes
 import functools

@@ -9,7 +9,6 @@ from typing import TypeVar
 import pytest
 
 from host.config import RobotConfig
-from host.drivers import romeo_framing
 from host.drivers.romeo_framing import Decoder, encode
 from host.drivers.romeo_protocol import (
     BOARD_ROMEO_V2,
@@ -27,7 +26,13 @@ from host.drivers.romeo_protocol import (
 )
 from host.drivers.romeo_session import Session
 from host.simulation.romeo_device import DEFAULTS
-from tests.firmware.boards import BoardUnderTest, Received, on_the_line
+from tests.firmware.boards import (
+    BoardUnderTest,
+    Received,
+    mutated,
+    on_the_line,
+    refused_by_board,
+)
 
 SEED = 8
 Make = Callable[[int], BoardUnderTest]
@@ -161,37 +166,12 @@ def test_lost_settings_give_defaults_and_it_says_so(board: BoardUnderTest) -> No
     assert not status(board) & DisplacementStatus.SETTINGS_DEFAULTED
 
 
-def mutated(rng: random.Random) -> bytes:
-    """A velocity frame with bytes changed, cut, doubled or put in, up to its delimiter."""
-    data = bytearray(encode(VelocityFrame(rng.randrange(-3000, 3000), rng.randrange(-3000, 3000))))
-    del data[-1]
-    for _ in range(rng.randrange(1, 4)):
-        place = rng.randrange(len(data))
-        kind = rng.randrange(4)
-        if kind == 0:
-            data[place] ^= 1 << rng.randrange(8)
-        elif kind == 1:
-            data[place] = rng.randrange(256)
-        elif kind == 2 and len(data) > 1:
-            del data[place]
-        else:
-            data.insert(place, rng.randrange(256))
-    return bytes(data) + b"\0"
-
-
-def refused_by_host(data: bytes) -> tuple[int, list[Frame]]:
-    decoder = romeo_framing.Decoder()
-    frames = decoder.feed(data)
-    wrong_way = [f for f in frames if isinstance(f, IdentityFrame | DisplacementFrame)]
-    return decoder.counts.refused + len(wrong_way), frames
-
-
 def test_broken_frames_are_counted_and_move_nothing(board: BoardUnderTest) -> None:
     rng = random.Random(SEED)
     refused = 0
     for _ in range(40):
         data = b"".join(mutated(rng) for _ in range(50))
-        bad, frames = refused_by_host(data)
+        bad, frames = refused_by_board(data)
         if frames:  # a mutation that undid itself
             continue
         refused += bad
