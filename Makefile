@@ -3,6 +3,8 @@
 #   make run                       a simulated swarm, until Ctrl-C
 #   make run SECONDS=20            ... for 20 seconds
 #   make run SCENARIO=swarm20      ... with 20 robots
+#   make flash                     the board's firmware, built and uploaded
+#   make flash PORT=/dev/ttyACM0   ... to the board at this port
 #   make test                      every test
 #   make lint                      ruff and mypy
 #   make bench                     speed beside other software
@@ -13,10 +15,13 @@
 SCENARIO ?= arena4
 BIN := .venv/bin
 
-.PHONY: run test lint bench test-lowest clean
+.PHONY: run flash test lint bench test-lowest clean
 
 run: .venv/ready-run
 	$(BIN)/swarmloc run --simulate $(SCENARIO) $(if $(SECONDS),--seconds $(SECONDS))
+
+flash: .venv/ready-firmware
+	$(BIN)/swarmloc flash $(if $(PORT),--port $(PORT))
 
 test: .venv/ready-test
 	$(BIN)/python -m pytest -q
