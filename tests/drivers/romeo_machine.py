@@ -141,7 +141,7 @@ class Machine:
         ]
 
     def _run(self) -> None:
-        while not self._stop.wait(0.002):
+        while not self._stop.wait(0.0003):
             if self._shown == SKETCH:
                 self._run_sketch()
             else:
