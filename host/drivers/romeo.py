@@ -11,13 +11,12 @@ import serial
 
 from host.config import RobotConfig
 from host.drivers.differential_drive import wheel_speeds
+from host.drivers.romeo_ports import NAME, SKETCH_IDS
 from host.drivers.romeo_session import Session
 from host.drivers.serial_port import find_port, keep_connected, open_port, read_available
 from host.errors import UserError
 from host.messages import Health, Message
 
-NAME = "board"
-USB_IDS = ((0x2341, 0x8036),)  # the running sketch; 2341:0036 is its bootloader
 BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
 COMMAND_LIFE_S = 0.5
 HEALTH_PERIOD_S = 1.0
@@ -65,7 +64,7 @@ class Romeo:
 
     def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """One connection, until `stop` is set or the port fails."""
-        with open_port(find_port(NAME, USB_IDS, self._port), BAUDRATE, dtr=True) as port:
+        with open_port(find_port(NAME, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
             self._session.connect(self._clock())
             try:
                 while not stop.is_set():

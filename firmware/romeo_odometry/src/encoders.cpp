@@ -27,16 +27,21 @@ Encoder left;
 Encoder right;
 
 // The levels are read from the ports themselves: digitalRead takes 3 us, time for the next edge.
-inline bool left_b() { return PINB & _BV(PB5); }  // D9
-inline bool right_b() { return PINB & _BV(PB7); } // D11
+static_assert(LEFT_ENCODER_B_PIN == 9 && RIGHT_ENCODER_B_PIN == 11, "are PB5 and PB7 below");
 
 } // namespace
 
 #if ENCODER_EDGES == 2
 
+static_assert(LEFT_ENCODER_A_PIN == 2 && RIGHT_ENCODER_A_PIN == 3, "are PD1 and PD0, INT1 and INT0");
+
 namespace {
-inline bool left_a() { return PIND & _BV(PD1); }  // D2
-inline bool right_a() { return PIND & _BV(PD0); } // D3
+
+inline bool left_a() { return PIND & _BV(PD1); }
+inline bool left_b() { return PINB & _BV(PB5); }
+inline bool right_a() { return PIND & _BV(PD0); }
+inline bool right_b() { return PINB & _BV(PB7); }
+
 } // namespace
 
 // After an edge of A the channels differ when A is ahead, and are equal when B is.
@@ -52,9 +57,10 @@ static void enable_interrupts() {
 
 #else
 
+static_assert(LEFT_ENCODER_A_PIN == 8 && RIGHT_ENCODER_A_PIN == 10, "are PB4 and PB6, PCINT4 and 6");
+
 namespace {
 
-// D8 to D11 are the upper half of port B: left A and B, right A and B.
 volatile uint8_t levels;
 
 inline bool left_a(uint8_t port) { return port & _BV(PB4); }
