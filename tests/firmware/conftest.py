@@ -2,31 +2,22 @@
 
 import ctypes
 import functools
-import os
 import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 
 from host.drivers.romeo_build import build_with_avr_gcc
-from host.errors import UserError
 from host.simulation import romeo_library
 from tests.firmware.boards import BoardUnderTest, ElfBoard, StandInBoard
+from tests.toolchain import missing, needed
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware/romeo_odometry"
 PURE = ("framing", "speed_control", "settings", "displacement")
 HERE = Path(__file__).resolve().parent / "host"
-
-
-def missing(why: str) -> NoReturn:
-    """Skip, but fail in CI, where everything has to run."""
-    if os.environ.get("CI") == "true":
-        pytest.fail(why)
-    pytest.skip(why)
 
 
 @pytest.fixture(scope="session")
@@ -35,11 +26,8 @@ def elf() -> Callable[[int], Path]:
 
     @functools.cache
     def build(encoder_edges: int) -> Path:
-        try:
-            romeo_library.load()
-            return build_with_avr_gcc({"ENCODER_EDGES": str(encoder_edges)}).elf
-        except UserError as error:
-            missing(str(error))
+        needed(romeo_library.load)
+        return needed(lambda: build_with_avr_gcc({"ENCODER_EDGES": str(encoder_edges)})).elf
 
     return build
 
