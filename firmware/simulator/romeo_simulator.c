@@ -5,38 +5,23 @@
  * libsimavr's structures leaves this folder: they differ from version to version.
  */
 #include "usb_host.h"
+#include "wheels.h"
 
 #include <simavr/avr_eeprom.h>
 #include <simavr/avr_extint.h>
-#include <simavr/avr_ioport.h>
-#include <simavr/sim_core.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* Data addresses of the ATmega32U4's registers */
-enum {
-    PINB = 0x23, PINC = 0x26, PIND = 0x29, PINE = 0x2C, DDR = 1, PORT = 2, /* after each PIN */
-    MCUSR = 0x54, WDTCSR = 0x60,
-    TCCR3A = 0x90, TCCR3B = 0x91, ICR3 = 0x96, OCR3A = 0x98,
-    TCCR4C = 0xC2, OCR4C = 0xD1, OCR4D = 0xD2,
-};
+enum { MCUSR = 0x54, WDTCSR = 0x60 };
 
-enum { LEFT, RIGHT, WHEELS, VECTORS = 64, USB_TICK = 1600 /* 100 us */, NO_ADDRESS = -1 };
+enum { VECTORS = 64, USB_TICK = 1600 /* 100 us */, NO_ADDRESS = -1 };
 
 /* The Arduino core leaves the word 0x7777 for the bootloader at 0x800, or, for newer ones, in the
  * last two bytes of RAM. */
 enum { BOOTLOADER_KEY = 0x7777, KEY_ADDRESS = 0x800 };
-
-typedef struct { char port; uint8_t bit; } pin;
-
-typedef struct {
-    pin a, b;
-    int64_t steps;         /* made since the start, forward positive */
-    int64_t wanted, done;  /* of the present turn, with sign, and so many of them made */
-    uint64_t from, until;
-} encoder;
 
 typedef struct {
     const avr_t *avr;
@@ -58,66 +43,6 @@ typedef struct {
     int64_t watched;       /* byte address in flash, or NO_ADDRESS */
     uint64_t passes, last_pass, worst_pass;
 } romeo;
-
-/* ---- encoders ---- */
-
-static void drive(romeo *board, pin where, int level) {
-    avr_t *avr = board->avr;
-    /* Without the external level, any write to the port would put the pull-up's there. */
-    uint8_t mask = 0, value = 0;
-    for (int wheel = 0; wheel < WHEELS; wheel++) {
-        const encoder *e = &board->encoders[wheel];
-        int phase = e->steps & 3;
-        if (e->a.port == where.port) {
-            mask |= 1 << e->a.bit;
-            value |= (phase == 1 || phase == 2) << e->a.bit;
-        }
-        if (e->b.port == where.port) {
-            mask |= 1 << e->b.bit;
-            value |= (phase >= 2) << e->b.bit;
-        }
-    }
-    avr_ioport_external_t external = {.name = where.port, .mask = mask, .value = value};
-    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(where.port), &external);
-    avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(where.port), where.bit), level);
-}
-
-/* A leads B where the wheel turns forward: (A, B) = 00, 10, 11, 01. */
-static void drive_both(romeo *board, const encoder *e) {
-    int phase = e->steps & 3;
-    drive(board, e->a, phase == 1 || phase == 2);
-    drive(board, e->b, phase >= 2);
-}
-
-static uint64_t next_step(const encoder *e) {
-    uint64_t steps = llabs(e->wanted);
-    if ((uint64_t)e->done == steps)
-        return UINT64_MAX;
-    return e->from + (uint64_t)((unsigned __int128)(e->until - e->from) * (e->done + 1) / steps);
-}
-
-static void step_encoders(romeo *board) {
-    for (int wheel = 0; wheel < WHEELS; wheel++) {
-        encoder *e = &board->encoders[wheel];
-        if (next_step(e) > board->avr->cycle)
-            continue;
-        e->steps += e->wanted > 0 ? 1 : -1;
-        e->done++;
-        drive_both(board, e);
-    }
-}
-
-static void wire(romeo *board, int edges) {
-    static const encoder external_interrupts[WHEELS] = {
-        {.a = {'D', 1}, .b = {'B', 5}}, /* D2 (INT1), D9 */
-        {.a = {'D', 0}, .b = {'B', 7}}, /* D3 (INT0), D11 */
-    };
-    static const encoder pin_change[WHEELS] = {
-        {.a = {'B', 4}, .b = {'B', 5}}, /* D8, D9 */
-        {.a = {'B', 6}, .b = {'B', 7}}, /* D10, D11 */
-    };
-    memcpy(board->encoders, edges == 4 ? pin_change : external_interrupts, sizeof board->encoders);
-}
 
 /* ---- what happens inside ---- */
 
@@ -190,16 +115,7 @@ static void start_sketch(romeo *board) {
     /* Or libsimavr looks at a low pin at every cycle, for an interrupt by level. */
     for (int interrupt = 0; interrupt < EXTINT_COUNT; interrupt++)
         avr_extint_set_strict_lvl_trig(avr, interrupt, 0);
-    for (int wheel = 0; wheel < WHEELS; wheel++) {
-        const encoder *e = &board->encoders[wheel];
-        const pin pins[2] = {e->a, e->b};
-        for (int i = 0; i < 2; i++) { /* a level that did not change would not be put there */
-            avr_irq_t *irq =
-                avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(pins[i].port), pins[i].bit);
-            irq->value = !irq->value;
-        }
-        drive_both(board, e);
-    }
+    encoders_restore(avr, board->encoders);
     usb_host_unplugged(&board->usb);
     board->last_pass = 0;
 }
@@ -282,7 +198,7 @@ romeo *romeo_new(const uint8_t *image, uint32_t size, int encoder_edges) {
         return NULL;
     }
     avr_loadcode(avr, (uint8_t *)image, size, 0);
-    wire(board, encoder_edges);
+    encoders_init(board->encoders, encoder_edges);
     usb_host_init(&board->usb, avr);
     hook_interrupts(board);
     start_sketch(board);
@@ -310,13 +226,13 @@ int romeo_run(romeo *board, uint64_t until) {
         if (board->next_usb_tick < next)
             next = board->next_usb_tick;
         for (int wheel = 0; wheel < WHEELS; wheel++) {
-            uint64_t step = next_step(&board->encoders[wheel]);
+            uint64_t step = encoder_next(&board->encoders[wheel]);
             if (step < next)
                 next = step;
         }
         if (next > avr->cycle)
             run_to(board, next);
-        step_encoders(board);
+        encoders_step(avr, board->encoders);
         if (board->next_usb_tick <= avr->cycle) {
             usb_host_tick(&board->usb);
             board->next_usb_tick += USB_TICK;
@@ -334,11 +250,7 @@ void romeo_reset(romeo *board) {
 /* Quadrature steps, forward positive, evenly spread from now to `until`; what is left of the turn
  * before is not made. */
 void romeo_turn(romeo *board, int wheel, int64_t steps, uint64_t until) {
-    encoder *e = &board->encoders[wheel];
-    e->from = board->avr->cycle;
-    e->until = until > e->from ? until : e->from;
-    e->wanted = steps;
-    e->done = 0;
+    encoder_turn(&board->encoders[wheel], steps, board->avr->cycle, until);
 }
 
 int64_t romeo_steps(const romeo *board, int wheel) { return board->encoders[wheel].steps; }
@@ -375,42 +287,7 @@ uint32_t romeo_descriptor(const romeo *board, int which, uint8_t *data) {
     return size;
 }
 
-/* Level of a pin that is no PWM output now: 0 or 1. */
-static double level(const romeo *board, uint16_t pin_register, int bit) {
-    return board->avr->data[pin_register + PORT] >> bit & 1;
-}
-
-static double left_duty(const romeo *board) { /* E1 on D5, OC3A */
-    const uint8_t *data = board->avr->data;
-    int mode = (data[TCCR3A] & 3) | (data[TCCR3B] >> 1 & 12), output = data[TCCR3A] >> 6;
-    if (output < 2)
-        return level(board, PINC, 6);
-    int top = mode & 8 ? data[ICR3] | data[ICR3 + 1] << 8 : (0x80 << (mode & 3)) - 1;
-    int compare = data[OCR3A] | data[OCR3A + 1] << 8;
-    double duty = compare >= top ? 1.0 : (double)compare / top;
-    return output == 2 ? duty : 1.0 - duty;
-}
-
-static double right_duty(const romeo *board) { /* E2 on D6, OC4D, which libsimavr does not model */
-    const uint8_t *data = board->avr->data;
-    int output = data[TCCR4C] >> 2 & 3;
-    if (output == 0)
-        return level(board, PIND, 7);
-    int top = data[OCR4C] ? data[OCR4C] : 255; /* 255 after a reset */
-    double duty = data[OCR4D] >= top ? 1.0 : (double)data[OCR4D] / top;
-    return output == 3 ? 1.0 - duty : duty;
-}
-
-/* Duty of a motor, -1 to 1: positive where its direction pin is high. */
-double romeo_motor(const romeo *board, int wheel) {
-    const uint8_t *data = board->avr->data;
-    int output = wheel == LEFT ? data[PINC + DDR] & 0x40 : data[PIND + DDR] & 0x80;
-    double forward = wheel == LEFT ? level(board, PIND, 4) : level(board, PINE, 6);
-    double duty = wheel == LEFT ? left_duty(board) : right_duty(board);
-    if (!output || duty == 0.0)
-        return 0.0;
-    return forward ? duty : -duty;
-}
+double romeo_motor(const romeo *board, int wheel) { return motor_duty(board->avr, wheel); }
 
 /* Address of the byte in RAM, registers included, or NULL beyond its end. */
 uint8_t *romeo_ram(romeo *board, uint32_t address) {
@@ -421,6 +298,15 @@ uint8_t *romeo_ram(romeo *board, uint32_t address) {
 void romeo_eeprom(romeo *board, uint8_t *data, uint32_t size, int write) {
     avr_eeprom_desc_t content = {.ee = data, .offset = 0, .size = size};
     avr_ioctl(board->avr, write ? AVR_IOCTL_EEPROM_SET : AVR_IOCTL_EEPROM_GET, &content);
+}
+
+/* Overwrite the program from this byte address; 0, or -1 where it ends beyond the flash. */
+int romeo_patch(romeo *board, uint32_t address, const uint8_t *data, uint32_t size) {
+    if (address > board->avr->flashend || size > board->avr->flashend + 1 - address) {
+        return -1;
+    }
+    memcpy(board->avr->flash + address, data, size);
+    return 0;
 }
 
 /* Of one interrupt: count, worst cycles in it, worst cycles from its request to its start. */

@@ -1,11 +1,13 @@
 """A Romeo board that runs its sketch's real machine code, in virtual time, on a simulated USB."""
 
 import ctypes
+import math
 import struct
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
+from host.drivers.elf import symbols
 from host.errors import UserError
 from host.simulation import romeo_library
 
@@ -86,7 +88,10 @@ class RomeoElf:
         return int(self._library.romeo_cycle(self._board)) / CYCLES_PER_S
 
     def run(self, until: float) -> None:
-        """Run until this time, to the instruction. Raises UserError where the sketch crashes."""
+        """Run to the first instruction at or after this time.
+
+        Raises UserError where the sketch crashes.
+        """
         if self._library.romeo_run(self._board, _cycle(until)) != 0:
             error = self._library.romeo_error(self._board).decode(errors="replace")
             raise UserError(
@@ -231,14 +236,17 @@ class RomeoElf:
         if isinstance(place, int):
             return place
         if self._symbols is None:
-            from host.drivers.romeo_build import symbols
-
             self._symbols = symbols(self._elf)
         if place not in self._symbols:
             raise UserError(
                 f"the board's program has no symbol {place!r}", f"in {self._elf}", "check its name"
             )
         return self._symbols[place]
+
+    def patch(self, place: int | str, code: bytes) -> None:
+        """Overwrite the program in flash from a byte address, or a symbol: to make it fail."""
+        if self._library.romeo_patch(self._board, self._address(place), code, len(code)) != 0:
+            raise ValueError(f"no {len(code)} bytes of flash at {place!r}")
 
     @property
     def eeprom(self) -> bytes:
@@ -313,4 +321,6 @@ def _segments(data: bytes) -> bytes:
 
 
 def _cycle(time: float) -> int:
-    return max(0, round(time * CYCLES_PER_S))
+    """The first cycle that is not before `time`, by the division that `now` makes as well."""
+    cycle = max(0, math.ceil(time * CYCLES_PER_S))
+    return cycle if cycle / CYCLES_PER_S >= time else cycle + 1

@@ -49,6 +49,7 @@ _FUNCTIONS = {
     "romeo_motor": (ctypes.c_double, [_BOARD, _INT]),
     "romeo_ram": (_BOARD, [_BOARD, _U32]),
     "romeo_eeprom": (None, [_BOARD, _BYTES, _U32, _INT]),
+    "romeo_patch": (_INT, [_BOARD, _U32, _BYTES, _U32]),
     "romeo_vector": (None, [_BOARD, _INT, _U64_OUT]),
     "romeo_watch": (None, [_BOARD, _I64]),
     "romeo_passes": (None, [_BOARD, _U64_OUT]),
