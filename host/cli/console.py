@@ -227,7 +227,7 @@ class Console:
 
     def close(self) -> None:
         """Give the cursor back, below the last frame."""
-        if self._opened:
+        if self._opened and self._terminal:
             self._out.write(f"{_SHOW_CURSOR}\n")
             self._out.flush()
 
@@ -252,7 +252,8 @@ class Console:
         return begin + _HOME + "".join(f"{row}{_TO_LINE_END}\n" for row in lines) + _TO_SCREEN_END
 
     def _lines(self, now: float) -> str:
-        lines = []
+        lines = [] if self._opened else [f"swarmloc   {self._state.title}\n"]
+        self._opened = True
         for name, health in self._state.devices.items():
             # While all is well its words may change with every figure in them.
             told = (health.ok, "" if health.ok else health.reason)

@@ -30,6 +30,7 @@ from host.messages import Truth
 from host.pipeline import Pipeline, Sink, Source
 from host.recording.log import Header, Recorder
 from host.simulation import scenarios
+from host.simulation.board import best_board
 from host.simulation.devices import Interval, LiveSimulation
 
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
@@ -56,13 +57,17 @@ def _intervals(
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """What a run consists of: the devices, the configuration in effect, and truth if known."""
+    """What a run consists of: the devices, the configuration in effect, and truth if known.
+
+    simulated_board: of a simulation, what stands in for the board, in words.
+    """
 
     title: str
     config: RobotConfig
     sensors: str
     sources: Mapping[str, Source]
     scenario: str | None = None
+    simulated_board: str | None = None
     truth: Callable[[float], Truth] | None = None
 
 
@@ -174,12 +179,14 @@ def _simulated(
     unplug: Mapping[str, Sequence[Interval]],
     sensors: str,
 ) -> Rig:
-    live = stack.enter_context(LiveSimulation(scenarios.parse(scenario), robot, unplug))
+    board = best_board(robot.motors)
+    live = stack.enter_context(LiveSimulation(scenarios.parse(scenario), robot, unplug, board))
     config = live.config
     sources = _drivers(config)
     if sensors == LIDAR_AND_CAMERA:
         sources["camera"] = live.camera
-    return Rig(f"{scenario} (simulated)", config, sensors, sources, scenario, live.truth)
+    title = f"{scenario} (simulated; board: {board.name})"
+    return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
 
 
 def _run(
@@ -220,6 +227,8 @@ def _run(
         "cpu_share_of_one_core": round(cpu / wall, 2),
         "devices": tally.devices(),
     }
+    if rig.simulated_board is not None:
+        figures["simulated_board"] = rig.simulated_board
     return figures, pipeline.failures
 
 

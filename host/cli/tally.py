@@ -81,6 +81,8 @@ def summary(figures: Mapping[str, Any]) -> str:
     lines["updates"] = _updates(figures)
     if "cpu_share_of_one_core" in figures:
         lines["load"] = f"{figures['cpu_share_of_one_core']:.2f} of one core"
+    if "simulated_board" in figures:
+        lines["simulated"] = f"board: {figures['simulated_board']}"
     if "recorded_estimates" in figures:
         lines["estimates"] = figures["recorded_estimates"]
     if "recording" in figures:

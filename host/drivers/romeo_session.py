@@ -168,7 +168,7 @@ class Session:
         return True, f"firmware {version}" + self._about_settings(self._settings)
 
     def _about_settings(self, settings: SettingsFrame) -> str:
-        lost = "; its stored settings were lost, it has robot.toml's now" * self._lost_settings
+        lost = "; it had no settings stored and has robot.toml's now" * self._lost_settings
         wanted = asdict(self._wanted_settings)
         others = [
             f"{name} {value} instead of {wanted[name]}"

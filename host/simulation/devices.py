@@ -20,6 +20,7 @@ from host.config import RobotConfig
 from host.drivers.x4_commands import RESET
 from host.errors import UserError
 from host.messages import Bearings, Health, Message, Truth
+from host.simulation.board import STAND_IN, BoardKind
 from host.simulation.scenarios import Scenario
 from host.simulation.world import Simulation
 
@@ -109,9 +110,10 @@ class LiveSimulation:
         scenario: Scenario,
         config: RobotConfig,
         unplugged: Mapping[str, Sequence[Interval]] | None = None,
+        board: BoardKind = STAND_IN,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._simulation = Simulation(scenario, config)
+        self._simulation = Simulation(scenario, config, board)
         self._unplugged = unplugged or {}
         unknown = set(self._unplugged) - {LIDAR, BOARD}
         if unknown:

@@ -12,7 +12,7 @@ from host.drivers.x4_protocol import Decoder
 from host.geometry import to_frame
 from host.messages import Message, Truth
 from host.simulation.arena import Arena
-from host.simulation.romeo_device import RomeoStandIn
+from host.simulation.board import STAND_IN, BoardKind
 from host.simulation.scenarios import Scenario
 from host.simulation.sensors import Camera, Encoders, Lidar
 from host.simulation.x4_device import X4Emulator
@@ -32,7 +32,9 @@ class Simulation:
     the scenario's start.
     """
 
-    def __init__(self, scenario: Scenario, config: RobotConfig) -> None:
+    def __init__(
+        self, scenario: Scenario, config: RobotConfig, board: BoardKind = STAND_IN
+    ) -> None:
         self.scenario = scenario
         self._arena = Arena(scenario)
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
@@ -40,7 +42,7 @@ class Simulation:
         self._encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
         self.camera = Camera(self._arena, OBSERVER, scenario, config.camera)
         self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
-        self.board = RomeoStandIn(self._encoders.ticks)
+        self.board = board.make(self._encoders.ticks)
         self._decoder = Decoder()
         self._session = Session(config)
         self._talked = 0.0

@@ -182,7 +182,7 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     drawn.take(an_estimate([[1.0, 0.0]]))
     drawn.take(Health(1.0, "lidar", True, "scanning at 7.0 turns/s", {}))
     drawn.draw()
-    assert out.take() == "    0.0 s  lidar ok: scanning at 7.0 turns/s\n"
+    assert out.take() == "swarmloc   a title\n    0.0 s  lidar ok: scanning at 7.0 turns/s\n"
     drawn.take(Health(1.0, "lidar", True, "scanning at 7.1 turns/s", {}))
     drawn.draw()
     assert out.take() == ""
@@ -202,7 +202,7 @@ def test_after_a_standstill_there_is_one_line_not_one_for_each_second_missed():
     drawn = Console(State("a title", "phd", "lidar"), out, clock=lambda: now[0])
     for now[0] in (1.0, 100.0, 100.2, 100.4, 101.0):
         drawn.draw()
-    assert [text.split()[0] for text in out.take().splitlines()] == ["1.0", "100.0", "101.0"]
+    assert [text.split()[0] for text in out.take().splitlines()[1:]] == ["1.0", "100.0", "101.0"]
 
 
 def test_the_pace_is_measured_time_over_the_clocks(screen_size, shown):

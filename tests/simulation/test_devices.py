@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from host.config import RobotConfig
+from host.config import Motors, RobotConfig
 from host.drivers.romeo import Romeo
 from host.drivers.serial_port import open_port, read_available
 from host.drivers.x4 import X4
@@ -19,6 +19,7 @@ from host.drivers.x4_packets import BAUDRATE
 from host.drivers.x4_protocol import Decoder
 from host.errors import UserError
 from host.messages import Bearings, Displacement, Health, Message, Scan
+from host.simulation.board import best_board
 from host.simulation.devices import LiveSimulation, Terminal
 from host.simulation.scenarios import parse
 
@@ -183,6 +184,19 @@ def test_the_real_drivers_work_and_outlive_unplugging() -> None:
         assert True in states
         assert False in states[states.index(True) :], f"nobody noticed that {device} went"
     assert all(report.ok for report in reports if report.device == "camera")
+
+
+@pytest.mark.usefixtures("elf")
+def test_the_drivers_work_with_the_firmware_in_real_time() -> None:
+    inbox = Inbox()
+    board = best_board(Motors())
+    assert "the firmware" in board.name
+    with LiveSimulation(ARENA, RobotConfig(), board=board) as live, Threads() as threads:
+        threads.start(Romeo(live.config), inbox)
+        inbox.wait_for(Displacement, 50)
+    health = [m for m in inbox.messages if isinstance(m, Health)][-1]
+    assert health.ok
+    assert health.counts["lost"] == health.counts["refused"] == 0
 
 
 def test_only_known_devices_can_be_unplugged() -> None:
