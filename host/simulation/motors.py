@@ -78,11 +78,11 @@ class Wheel:
         tau = self.motor.time_constant_s
         excess = self.speed - final
         after = final + excess * math.exp(-seconds / tau)
-        if after * direction > 0.0:
+        if after * direction >= 0.0:
             self.angle += final * seconds + tau * (self.speed - after)
             self.speed = after
             return seconds
-        stop = min(seconds, tau * math.log(excess / -final)) if final else seconds
+        stop = min(seconds, tau * math.log(excess / -final))
         self.angle += final * stop + tau * self.speed
         self.speed = 0.0
         return stop
