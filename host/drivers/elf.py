@@ -1,4 +1,4 @@
-"""What an AVR's ELF holds: the sizes of its sections and its symbols. Reads the file alone."""
+"""What an AVR's ELF holds: section sizes, symbols, what goes into flash. Reads the file alone."""
 
 import struct
 from pathlib import Path
@@ -8,10 +8,12 @@ from host.errors import UserError
 
 # ELF32, little-endian. Of the header: the offset of the section table; entry size, count and the
 # section of names. Of a section: name, type, address, offset, size, link. Of a symbol: name, value,
-# size, info, section.
+# size, info, section. Of a segment: type, offset, virtual and physical address, size.
 _HEADER = struct.Struct("<32xI10xHHH")
 _SECTION = struct.Struct("<II4xIIII12x")
 _SYMBOL = struct.Struct("<IIIBxH")
+_SEGMENT = struct.Struct("<5I")
+_AVR, _LOAD = 83, 1  # machine, and the type of a segment to load
 _MAGIC = b"\x7fELF\x01\x01"
 _SYMBOL_TABLE = 2
 _FILE, _SECTION_ITSELF = 4, 3  # kinds of symbols that name no address
@@ -49,6 +51,34 @@ def symbols(elf: Path) -> dict[str, int]:
             if section and kind not in (_FILE, _SECTION_ITSELF) and value < _DATA_END:
                 found[_text(data, names + name)] = value % _DATA
     return found
+
+
+def flash_image(elf: Path) -> bytes:
+    """What an AVR's ELF puts into flash, from address 0; gaps are erased (0xFF).
+
+    Raises UserError where it is no such file.
+    """
+    try:
+        data = elf.read_bytes()
+        if not data.startswith(_MAGIC) or struct.unpack_from("<H", data, 18)[0] != _AVR:
+            raise UserError(f"cannot simulate {elf}", "it is no ELF file for an AVR", "")
+        return _loaded(data)
+    except (OSError, struct.error) as error:
+        raise UserError(f"cannot simulate {elf}", str(error), "build the firmware") from error
+
+
+def _loaded(data: bytes) -> bytes:
+    """The segments to load, but for those with addresses in RAM."""
+    (table,) = struct.unpack_from("<I", data, 28)
+    entry_size, entries = struct.unpack_from("<HH", data, 42)
+    image = bytearray()
+    for entry in range(entries):
+        kind, offset, _, address, size = _SEGMENT.unpack_from(data, table + entry * entry_size)
+        if kind != _LOAD or address >= _DATA:
+            continue
+        image.extend(b"\xff" * (address + size - len(image)))
+        image[address : address + size] = data[offset : offset + size]
+    return bytes(image)
 
 
 def _read(elf: Path) -> tuple[bytes, list[_Section], _Section]:

@@ -47,8 +47,6 @@ _PLATFORM_PARTS = (
     "packages/tool-scons",
 )
 
-symbols = elf.symbols  # of Firmware.elf: its addresses by name
-
 
 @dataclass(frozen=True, slots=True)
 class Firmware:

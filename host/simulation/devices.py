@@ -102,7 +102,7 @@ class LiveSimulation:
 
     unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
     messages and of `truth` are the host's, by `clock` (s). As a context manager it runs from
-    entry to exit.
+    entry to exit, where it raises UserError if the board's program crashed.
     """
 
     def __init__(
@@ -126,6 +126,7 @@ class LiveSimulation:
         self._start = clock()
         self._lock = threading.Lock()
         self._stop = threading.Event()
+        self._failure: UserError | None = None
         self._pump = threading.Thread(target=self._run, name="simulation", daemon=True)
         self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
         folder = Path(self._folder.name)
@@ -155,6 +156,8 @@ class LiveSimulation:
         for terminal, _ in self._ports.values():
             terminal.unplug()
         self._folder.cleanup()
+        if self._failure is not None and error is None:
+            raise self._failure
 
     def truth(self, time: float) -> Truth:
         """Where the teammates truly are at the host's `time` (s), in the robot's frame.
@@ -174,6 +177,12 @@ class LiveSimulation:
         return measured + scenario.camera_delay_s, replace(bearings, time=measured)
 
     def _run(self) -> None:
+        try:
+            self._pump_until_stop()
+        except UserError as failure:  # of the board's program; raised again where it ends
+            self._failure = failure
+
+    def _pump_until_stop(self) -> None:
         while not self._stop.wait(PUMP_S):
             now = self.clock() - self._start
             with self._lock:

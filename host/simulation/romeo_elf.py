@@ -2,12 +2,11 @@
 
 import ctypes
 import math
-import struct
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
-from host.drivers.elf import symbols
+from host.drivers.elf import flash_image, symbols
 from host.errors import UserError
 from host.simulation import romeo_library
 
@@ -16,7 +15,6 @@ LEFT, RIGHT = 0, 1
 STEPS_PER_COUNT = {2: 2, 4: 1}  # quadrature steps, by the edges a sketch counts in four of them
 EEPROM_BYTES = 1024
 
-_EM_AVR, _PT_LOAD, _RAM = 83, 1, 0x800000  # ELF: machine, segment type, where RAM begins
 _PACKET_BYTES, _DESCRIPTOR_BYTES = 64, 512
 _INTERRUPTS = {
     1: "INT0",
@@ -291,33 +289,6 @@ class RomeoElf:
     def clear_figures(self) -> None:
         """Forget the figures of interrupts and passes, as after the start or the enumeration."""
         self._library.romeo_clear_figures(self._board)
-
-
-def flash_image(elf: Path) -> bytes:
-    """Return what an ELF file for an AVR puts into flash, from address 0; gaps are erased (0xFF).
-
-    Raises UserError where it is no such file.
-    """
-    try:
-        data = elf.read_bytes()
-        if data[:5] != b"\x7fELF\x01" or struct.unpack_from("<H", data, 18)[0] != _EM_AVR:
-            raise UserError(f"cannot simulate {elf}", "it is no ELF file for an AVR", "")
-        return _segments(data)
-    except (OSError, struct.error) as error:
-        raise UserError(f"cannot simulate {elf}", str(error), "build the firmware") from error
-
-
-def _segments(data: bytes) -> bytes:
-    (table,) = struct.unpack_from("<I", data, 28)
-    entry_size, entries = struct.unpack_from("<HH", data, 42)
-    image = bytearray()
-    for entry in range(entries):
-        kind, offset, _, address, size = struct.unpack_from("<5I", data, table + entry * entry_size)
-        if kind != _PT_LOAD or address >= _RAM:
-            continue
-        image.extend(b"\xff" * (address + size - len(image)))
-        image[address : address + size] = data[offset : offset + size]
-    return bytes(image)
 
 
 def _cycle(time: float) -> int:

@@ -12,6 +12,7 @@ import pytest
 
 from host.drivers import elf, romeo_build
 from host.drivers.arduino_core import ArduinoCore, properties
+from host.drivers.elf import symbols
 from host.drivers.romeo_build import (
     FLASH_BYTES,
     RAM_BYTES,
@@ -19,7 +20,6 @@ from host.drivers.romeo_build import (
     build,
     build_with_avr_gcc,
     build_with_platformio,
-    symbols,
 )
 from host.errors import UserError
 from tests.toolchain import needed

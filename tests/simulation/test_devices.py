@@ -19,8 +19,9 @@ from host.drivers.x4_packets import BAUDRATE
 from host.drivers.x4_protocol import Decoder
 from host.errors import UserError
 from host.messages import Bearings, Displacement, Health, Message, Scan
-from host.simulation.board import best_board
+from host.simulation.board import BoardKind, best_board
 from host.simulation.devices import LiveSimulation, Terminal
+from host.simulation.romeo_device import RomeoStandIn
 from host.simulation.scenarios import parse
 
 ARENA = parse("arena4:seed=1")
@@ -197,6 +198,20 @@ def test_the_drivers_work_with_the_firmware_in_real_time() -> None:
     health = [m for m in inbox.messages if isinstance(m, Health)][-1]
     assert health.ok
     assert health.counts["lost"] == health.counts["refused"] == 0
+
+
+class CrashedBoard(RomeoStandIn):
+    def transmit(self, now: float) -> list[tuple[float, bytes]]:
+        raise UserError("the board's program crashed", "for this test", "")
+
+
+def test_a_crash_of_the_boards_program_is_raised_at_the_end() -> None:
+    board = BoardKind(CrashedBoard, "one that crashes")
+    with (
+        pytest.raises(UserError, match="crashed"),
+        LiveSimulation(ARENA, RobotConfig(), board=board),
+    ):
+        time.sleep(0.1)
 
 
 def test_only_known_devices_can_be_unplugged() -> None:

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from host.drivers.elf import flash_image
 from host.drivers.romeo_framing import Decoder, encode
 from host.drivers.romeo_protocol import DisplacementFrame, HelloFrame, IdentityFrame, VelocityFrame
 from host.errors import UserError
 from host.simulation import romeo_library
-from host.simulation.romeo_elf import LEFT, RIGHT, RomeoElf, flash_image
+from host.simulation.romeo_elf import LEFT, RIGHT, RomeoElf
 
 # Registers of the ATmega32U4, datasheet section 31
 PINB, DDRC, PORTC, PIND, DDRD, PORTD, PORTE = 0x23, 0x27, 0x28, 0x29, 0x2A, 0x2B, 0x2E
