@@ -101,8 +101,46 @@ class Lidar(Section):
     blind_sectors: BlindSectors = Field(default_factory=_pillars)
 
 
+class Eye(Section):
+    """One camera: where its pictures come from, its lens, its mounting in the robot frame.
+
+    Pixel (0, 0) is the middle of the upper left one; x to the right, y down. A ray at the angle t
+    from the axis meets the picture at the radius focal_px * (t + k1 t^3 + k2 t^5) ("equidistant")
+    or focal_px * sin(t) ("orthographic", Perera 2021 eq. 34).
+    """
+
+    source: str = Field("none", min_length=1)
+    width_px: int = Field(1920, ge=64, le=8192)
+    height_px: int = Field(1080, ge=64, le=8192)
+    rate_hz: float = Field(30.0, gt=0.0, le=240.0)
+    lens: Literal["equidistant", "orthographic"] = "equidistant"
+    focal_px: float = Field(611.15, gt=1.0, lt=10_000.0)
+    centre_x_px: float = Field(959.5, gt=-10_000.0, lt=10_000.0)
+    centre_y_px: float = Field(539.5, gt=-10_000.0, lt=10_000.0)
+    k1: float = Field(0.0, gt=-1.0, lt=1.0)
+    k2: float = Field(0.0, gt=-1.0, lt=1.0)
+    x_m: float = Field(0.05, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    z_m: float = Field(0.25, gt=0.0, lt=2.0)  # of the lens above the floor
+    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
+    roll_rad: float = Field(0.0, ge=-math.pi, le=math.pi)  # clockwise, seen from behind
+
+
+class Strip(Section):
+    """The strip that teammates wear: a cylinder's coat, and its colour as HSV has it."""
+
+    height_m: float = Field(0.22, gt=0.0, lt=2.0)  # of its middle above the floor
+    tall_m: float = Field(0.04, gt=0.001, lt=1.0)
+    diameter_m: float = Field(0.1, gt=0.005, lt=1.0)
+    hue_deg: float = Field(0.0, ge=0.0, lt=360.0)
+    hue_width_deg: float = Field(40.0, gt=0.0, le=180.0)
+    saturation_min: float = Field(0.45, ge=0.0, le=1.0)
+    value_min: float = Field(0.12, ge=0.0, le=1.0)
+
+
 class Camera(Section):
-    """The cameras, as one sensor of bearings."""
+    """The cameras, as sensors of bearings, and what they look for."""
 
     delay_s: float = Field(0.15, ge=0.0, le=2.0)
     bearing_noise_rad: float = Field(0.0873, gt=0.0, lt=1.0)
@@ -111,6 +149,9 @@ class Camera(Section):
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
     clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs an image pair
+    front: Eye = Eye()
+    rear: Eye = Eye(x_m=-0.05, heading_rad=math.pi)
+    strip: Strip = Strip()
 
 
 class Filter(Section):

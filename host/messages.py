@@ -4,6 +4,7 @@ Every message carries `time`: the host's monotonic time of the measurement (not 
 in seconds. Lengths in metres, angles in radians, counter-clockwise positive, x forward, y left.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,7 @@ class Bearings:
     """Directions in which the cameras saw a teammate's strip, in the robot frame at `time`.
 
     bearings (n,) rad, variances (n,) rad². origin (x, y) m: where the rays start.
+    view (centre, half width) rad: the bearings that the camera can see at all.
     lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
     identities as in `Positions`.
     """
@@ -61,6 +63,7 @@ class Bearings:
     bearings: FloatArray
     variances: FloatArray
     origin: tuple[float, float] = (0.0, 0.0)
+    view: tuple[float, float] = (0.0, math.pi)
     lag: float = 0.0
     identities: IntArray | None = None
 
