@@ -114,6 +114,7 @@ class Localizer:
                 time=self._time,
                 bearings=measured.bearings + turn,
                 origin=(float(origin[0]), float(origin[1])),
+                view=(measured.view[0] + turn, measured.view[1]),
                 lag=measured.lag + lag,
             )
         rotated = rotation(turn)

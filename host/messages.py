@@ -54,18 +54,17 @@ class Bearings:
     """Directions in which the cameras saw a teammate's strip, in the robot frame at `time`.
 
     bearings (n,) rad, variances (n,) rad². origin (x, y) m: where the rays start.
-    view (centre, half width) rad: the bearings that the camera can see at all.
     lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
-    identities as in `Positions`.
+    identities as in `Positions`. view (centre, half width) rad: what the camera can see at all.
     """
 
     time: float
     bearings: FloatArray
     variances: FloatArray
     origin: tuple[float, float] = (0.0, 0.0)
-    view: tuple[float, float] = (0.0, math.pi)
     lag: float = 0.0
     identities: IntArray | None = None
+    view: tuple[float, float] = (0.0, math.pi)
 
 
 @dataclass(frozen=True, slots=True)

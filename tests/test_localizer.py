@@ -184,6 +184,9 @@ def test_late_readings_are_carried_into_the_present(late: float) -> None:
     x, y = (DRIVE.to_robot(LANDMARKS, now) - bearings.origin).T
     ahead = np.exp(1j * (bearings.bearings - np.arctan2(y, x)))
     assert np.angle(ahead) == pytest.approx([0.0] * 3, abs=3e-4)
+    # What was in the middle of the picture still is.
+    middle = np.exp(1j * (bearings.view[0] + DRIVE.pose(np.array([now]))[0][2] - turned))
+    assert np.angle(middle) == pytest.approx(0.0, abs=3e-4)
     assert bearings.lag == pytest.approx(late)
     assert bearings.identities is not None
     assert bearings.identities.tolist() == [0, 1, 2]

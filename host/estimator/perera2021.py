@@ -36,6 +36,7 @@ from host.estimator.gaussian_mixture import (
     update_by_bearings,
     update_by_positions,
 )
+from host.estimator.sensor_models import in_view
 from host.geometry import SECTORS, wrap
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
@@ -93,6 +94,7 @@ class Perera2021Filter:
             m = len(measurement.bearings)
             detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
             detected[distance < 1e-3] = 0.0  # repair 5
+            detected *= in_view(bearing, measurement.view)
             as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
             pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
             i, j, updated = pairs.component, pairs.reading, pairs.updated

@@ -152,14 +152,14 @@ class PhdFilter:
         prior = rows[:, TEAMMATE]
         n, m = prior.shape[1], len(measured.bearings)
         bearing, distance, clearance = self._surroundings(None)
-        detected = self._camera.detection(bearing, distance, clearance)
+        detected = self._camera.detection(bearing, distance, clearance, measured.view)
         lag = settings.motion_noise_m**2 * measured.lag
         pairs = update_by_bearings(prior, measured, lag, settings.gate)
         i, j = pairs.component, pairs.reading
         support = detected[i] * pairs.likelihood
         mass = support * prior[WEIGHT, i]
         # Blobs beyond what is expected come from teammates that the lidar has not shown yet.
-        unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / (2.0 * np.pi)
+        unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / (2.0 * measured.view[1])
         others = np.bincount(j, mass, m)[j] - mass + self._camera.clutter + unknown
         family = np.concatenate((prior, pairs.updated), axis=1)
         family[WEIGHT, :n] *= 1.0 - detected

@@ -47,6 +47,14 @@ def _range_curve(
     return np.asarray(most / (1.0 + np.exp(np.minimum(steepness * (distance - half_range), 50.0))))
 
 
+def in_view(bearing: FloatArray, view: tuple[float, float]) -> BoolArray:
+    """Which bearings (n,) rad a picture of this view (centre, half width, rad) shows."""
+    centre, half_width = view
+    if half_width >= math.pi:
+        return np.ones(len(bearing), dtype=bool)
+    return np.asarray(np.abs(wrap(bearing - centre)) <= half_width)
+
+
 class LidarModel:
     """Detection probability of the lidar's turret finder, and its clutter intensity in 1/m²."""
 
@@ -98,9 +106,16 @@ class CameraModel:
         self.clutter = config.clutter_per_rad
 
     def detection(
-        self, bearing: FloatArray, distance: FloatArray, clearance: FloatArray
+        self,
+        bearing: FloatArray,
+        distance: FloatArray,
+        clearance: FloatArray,
+        view: tuple[float, float],
     ) -> FloatArray:
-        """P_D (n,) of teammates at bearing (n,) rad and distance (n,) m (eq. 29)."""
+        """P_D (n,) of teammates at bearing (n,) rad and distance (n,) m (eq. 29).
+
+        view: of the picture, as in Bearings; outside of it the probability is 0.
+        """
         config = self._config
         probability = _range_curve(
             distance,
@@ -110,4 +125,4 @@ class CameraModel:
         )
         hidden = clearance[sector(bearing)] < distance - _MARGIN_M
         seen = probability * np.where(hidden, _HIDDEN_STRIP, 1.0)
-        return np.minimum(np.maximum(seen, _LEAST), _MOST)
+        return np.minimum(np.maximum(seen, _LEAST), _MOST) * in_view(bearing, view)

@@ -24,7 +24,7 @@ def lidar(bearing, distance, clearance=OPEN, measured=False, config=PLAIN):
 def camera(bearing, distance, clearance=OPEN, config=Camera()):  # noqa: B008 (it is immutable)
     distance = np.atleast_1d(np.asarray(distance, dtype=float))
     bearing = np.broadcast_to(bearing, distance.shape).astype(float)
-    return CameraModel(config).detection(bearing, distance, clearance)
+    return CameraModel(config).detection(bearing, distance, clearance, (0.0, math.pi))
 
 
 @pytest.mark.parametrize("half_range", [1.0, 2.0, 2.8])
@@ -193,3 +193,17 @@ def test_a_target_on_the_sensor_and_no_target_at_all():
 def test_the_clutter_is_that_of_the_configuration():
     assert LidarModel(Lidar(clutter_per_m2=0.3)).clutter == 0.3
     assert CameraModel(Camera(clutter_per_rad=0.4)).clutter == 0.4
+
+
+@pytest.mark.parametrize("centre", [0.0, 3.0, -2.0])
+def test_a_picture_says_nothing_of_what_it_cannot_show(centre: float) -> None:
+    bearing = np.linspace(-math.pi, math.pi, 721)
+    distance = np.full(721, 1.0)
+    half = math.radians(80.0)
+    seen = CameraModel(Camera()).detection(bearing, distance, OPEN, (centre, half))
+    # By the angle between unit vectors, which needs no wrapping.
+    inside = np.cos(bearing - centre) >= math.cos(half)
+    edge = np.abs(np.cos(bearing - centre) - math.cos(half)) < 1e-9
+    assert np.all((seen > 0.0) == inside, where=~edge)
+    around = CameraModel(Camera()).detection(bearing, distance, OPEN, (0.0, math.pi))
+    assert np.array_equal(seen[inside & ~edge], around[inside & ~edge])
