@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_framing import encode
+from host.drivers.romeo_framing import Decoder, encode
 from host.drivers.romeo_protocol import DisplacementFrame, HelloFrame
 from tests.firmware.boards import ElfBoard
 
@@ -67,3 +67,13 @@ def test_answers_that_find_no_room_are_dropped_whole(elf: Callable[[int], Path])
     assert board.decoder.counts.refused == 0
     displacements = [frame for _, frame in received if isinstance(frame, DisplacementFrame)]
     assert displacements[-1].dropped_frames > 50
+
+
+def test_each_frame_is_sent_at_once_as_a_packet_of_its_own(elf: Callable[[int], Path]) -> None:
+    """Nothing waits in the USB buffer for the core's interrupt to send it off with the next."""
+    board = ElfBoard(elf(2), 2)
+    board.send(encode(HelloFrame()) * 3)
+    board.elf.run(board.now + 0.05)
+    packets = [Decoder().feed(data) for _, data in board.elf.take()]
+    assert len(packets) >= 5
+    assert [len(frames) for frames in packets] == [1] * len(packets)

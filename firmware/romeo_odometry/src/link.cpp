@@ -1,6 +1,7 @@
 #include "link.h"
 
 #include <Arduino.h>
+#include <util/atomic.h>
 
 #include "framing.h"
 
@@ -43,10 +44,14 @@ const uint8_t *link::receive(uint8_t *size) {
 void link::send(const void *content, uint8_t size) {
     uint8_t encoded[PROTOCOL_LARGEST_ENCODED];
     const uint8_t encoded_size = framing::encode(content, size, encoded);
-    // More than fits would make the core wait up to 250 ms for the host. So would a frame that
-    // fills the buffer to its last byte, because the core then sends an empty packet after it.
-    if (Serial.availableForWrite() > encoded_size) {
+    // More than fits would make the core wait up to 250 ms for the host.
+    if (Serial.availableForWrite() >= encoded_size) {
         Serial.write(encoded, encoded_size);
+        // Out with it as a packet of its own. Otherwise the core does so in an interrupt each
+        // millisecond: between that question and that write it would take the room away again.
+        ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+            Serial.flush();
+        }
     } else if (dropped < UINT16_MAX) {
         ++dropped;
     }
