@@ -1,6 +1,7 @@
 #include "wheel_control.h"
 
 #include <Arduino.h>
+#include <avr/cpufunc.h>
 #include <util/atomic.h>
 
 #include "encoders.h"
@@ -53,10 +54,13 @@ void wheel_control::begin() {
 }
 
 void wheel_control::configure(const settings_frame &settings) {
-    // Only the control waits meanwhile: its divisions are too long for the encoders to.
+    // Only the control waits meanwhile: its divisions are too long for the encoders to. The barriers
+    // keep the compiler from moving them to before or after.
     TIMSK1 &= ~_BV(OCIE1A);
+    _MemoryBarrier();
     controls.left.configure(settings);
     controls.right.configure(settings);
+    _MemoryBarrier();
     TIMSK1 |= _BV(OCIE1A);
 }
 
