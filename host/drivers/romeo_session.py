@@ -74,7 +74,8 @@ class Session:
         for frame in self._decoder.feed(data):
             if isinstance(frame, IdentityFrame):
                 self._introduce(frame, now)
-            elif isinstance(frame, SettingsFrame):
+            elif isinstance(frame, SettingsFrame) and self.greeted:
+                # Before, it would be an answer to the last connection that nobody had read.
                 self._settings = frame
             elif isinstance(frame, DisplacementFrame) and self.greeted:
                 step = self._step(frame, now)

@@ -205,6 +205,15 @@ def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
     assert session.state(1.2) == (True, "firmware 1.2.3")
 
 
+def test_settings_that_the_last_connection_left_unread_are_no_answer_to_this_one() -> None:
+    robot = RobotConfig(motors=Motors(left_reversed=True))
+    line = Line(RomeoStandIn(driving, start=99.0), robot=robot)
+    line.session.receive(encode(settings_for(RobotConfig())), line.now)
+    line.run(1.0)
+    assert line.board.settings == settings_for(robot)
+    assert line.state == (True, "firmware 0.1.0")
+
+
 def test_a_silent_board_and_its_return() -> None:
     line = Line(RomeoStandIn(driving, start=99.0))
     line.run(1.0)
