@@ -9,7 +9,7 @@ import pytest
 
 from host.config import RobotConfig, Wheels
 from host.drivers.differential_drive import wheel_speeds
-from host.drivers.romeo_framing import Decoder, encode
+from host.drivers.romeo_framing import encode
 from host.drivers.romeo_protocol import VelocityFrame
 from host.drivers.romeo_session import Session, settings_for
 from host.geometry import rotation
@@ -126,9 +126,7 @@ def test_slip_shows_as_what_it_is(elf: Callable[[int], Path]) -> None:
     assert 0.02 < np.hypot(*(believed - true)) < 0.6
 
 
-def test_a_reversed_motor_and_encoder_drive_the_same_with_the_settings_set(
-    elf: Callable[[int], Path],
-) -> None:
+def test_a_reversed_motor_is_driven_the_other_way(elf: Callable[[int], Path]) -> None:
     board = RomeoElf(elf(2), 2)
     config = RobotConfig()
     config = config.model_copy(
@@ -141,4 +139,3 @@ def test_a_reversed_motor_and_encoder_drive_the_same_with_the_settings_set(
     left, right = board.motors
     assert left == pytest.approx(-right)
     assert right > 0.0
-    assert Decoder().counts.refused == 0
