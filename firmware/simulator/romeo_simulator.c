@@ -193,7 +193,7 @@ romeo *romeo_new(const uint8_t *image, uint32_t size, int encoder_edges) {
     avr->sleep = no_sleep;
     board->reset = avr->reset;
     avr->reset = on_reset;
-    if (size > avr->flashend) {
+    if (size > avr->flashend + 1) {
         romeo_free(board);
         return NULL;
     }

@@ -25,6 +25,7 @@ from host.messages import Displacement
 ASK_PERIOD_S = 0.5  # hello, and the settings, until they are answered
 VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
 PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
+RESTART_S = 0.5  # a clock so far from what it should show began anew; frames are later by less
 STILL = (0, 0)
 _FLASH = "run `swarmloc flash`"
 
@@ -40,6 +41,8 @@ class Session:
         self._counts = {"connections": 0, "restarts": 0, "lost": 0}
         self._by_board = {"dropped_by_board": 0, "refused_by_board": 0}
         self._connected, self._heard, self._restarted = 0.0, False, False
+        # The board's clock (us) when it was last heard at a host time, over all connections.
+        self._heard_clock: tuple[int, float] | None = None
         self._greet(0.0)
 
     def connect(self, now: float) -> None:
@@ -96,11 +99,15 @@ class Session:
         if frame.status & DisplacementStatus.FRESH or self._clock.restarts != restarts:
             self._counts["restarts"] += 1
             self._restarted = True
+            self._heard_clock = None
             self._greet(now)
             return None
-        if self._last is not None:
+        if self._last is None:
+            self._counts["restarts"] += self._restarted_unseen(frame.board_time_us, now)
+        else:
             self._counts["lost"] += (frame.sequence - self._last.sequence - 1) % (1 << 16)
         self._last, self._last_report = frame, now
+        self._heard_clock = frame.board_time_us, now
         self._by_board = {
             "dropped_by_board": frame.dropped_frames,
             "refused_by_board": frame.bad_frames,
@@ -125,6 +132,14 @@ class Session:
             _difference(frame.left_ticks, base.left_ticks),
             _difference(frame.right_ticks, base.right_ticks),
         )
+
+    def _restarted_unseen(self, board_time_us: int, now: float) -> bool:
+        """Did the board restart since the last connection? Its USB port goes with it."""
+        if self._heard_clock is None:
+            return False
+        before_us, then = self._heard_clock
+        gone_s = _difference(board_time_us, before_us + round((now - then) * 1e6)) * 1e-6
+        return abs(gone_s) > RESTART_S + ClockSync.LARGEST_DRIFT * (now - then)
 
     def transmit(self, now: float, wanted: tuple[int, int] | None) -> bytes:
         """What to send at `now` (s). wanted: ticks/s (left, right), or None to command nothing."""

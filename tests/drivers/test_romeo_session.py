@@ -283,7 +283,21 @@ def test_a_new_connection_forgets_counters_of_the_last() -> None:
     for step in line.steps:
         assert step.interval < 0.1
     assert line.session.counts()["connections"] == 2
-    assert line.session.counts()["restarts"] == 0
+    assert line.session.counts()["restarts"] == 1, "it was another board, or the same anew"
+
+
+@pytest.mark.parametrize("away_s", [0.5, 100.0, 3.0 * 2**32 * 1e-6])
+def test_a_board_that_was_only_unplugged_has_not_restarted(away_s: float) -> None:
+    line = Line(RomeoStandIn(driving, start=99.0, drift=0.004))
+    line.run(1.0)
+    line.board.silent = True
+    line.board.transmit(line.now + away_s)
+    line.now += away_s
+    line.board.silent = False
+    line.session.connect(line.now)
+    line.run(1.0)
+    counts = line.session.counts()
+    assert (counts["connections"], counts["restarts"]) == (2, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,12 +1,19 @@
 """A board that is left alone, hung or reset does not drive on."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import COMMAND_TIMEOUT_MS, DisplacementFrame, VelocityFrame
+from host.drivers.romeo_protocol import (
+    COMMAND_TIMEOUT_MS,
+    DisplacementFrame,
+    SettingsReversed,
+    VelocityFrame,
+)
+from host.simulation.romeo_device import DEFAULTS
 from tests.firmware.boards import ElfBoard
 
 TOLERANCE_S = 0.020
@@ -119,3 +126,17 @@ def test_a_touch_that_is_taken_back_leaves_the_watchdog_at_work(board: ElfBoard)
     board.elf.patch("loop", ENDLESS_WAIT)
     board.run(2.0 * WATCHDOG_S)
     assert board.elf.restarts >= 1
+
+
+def test_a_new_polarity_lets_go_of_the_wheels(board: ElfBoard) -> None:
+    board.run(0.1)
+    before = board.elf.motors
+    board.send(encode(DEFAULTS))  # as they are: nothing changes
+    board.run(0.02)
+    assert board.elf.motors == pytest.approx(before, abs=0.1)
+    board.send(encode(replace(DEFAULTS, reversed=SettingsReversed.LEFT_MOTOR)))
+    board.run(0.02)
+    assert board.elf.motors == (0.0, 0.0)
+    board.send(encode(VelocityFrame(500, 500)))
+    board.run(0.1)
+    assert board.driving == (-1, 1)

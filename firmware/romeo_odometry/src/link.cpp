@@ -45,8 +45,8 @@ void link::send(const void *content, uint8_t size) {
     uint8_t encoded[PROTOCOL_LARGEST_ENCODED];
     const uint8_t encoded_size = framing::encode(content, size, encoded);
     // More than fits would make the core wait up to 250 ms for the host.
-    if (Serial.availableForWrite() >= encoded_size) {
-        Serial.write(encoded, encoded_size);
+    if (Serial.availableForWrite() >= encoded_size &&
+        Serial.write(encoded, encoded_size) == encoded_size) {
         // Out with it as a packet of its own. Otherwise the core does so in an interrupt each
         // millisecond: between that question and that write it would take the room away again.
         ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {

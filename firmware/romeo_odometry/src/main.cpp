@@ -74,6 +74,10 @@ void handle(const uint8_t *content, uint8_t size) {
     } else if (as<read_settings_frame>(READ_SETTINGS_ID, content, size)) {
         send_settings();
     } else if (const auto *wanted = as<settings_frame>(SETTINGS_ID, content, size)) {
+        // What turns the other way round from now on must not be driven meanwhile.
+        if (wanted->reversed != settings_store::in_force().reversed) {
+            wheel_control::stop();
+        }
         settings_store::write(*wanted);
         apply_settings();
         send_settings();

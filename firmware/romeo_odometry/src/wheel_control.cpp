@@ -20,12 +20,16 @@ volatile uint8_t command_age = NO_COMMAND; // periods; stays at TIMEOUT_PERIODS 
 
 bool has_timed_out() { return command_age != NO_COMMAND && command_age > TIMEOUT_PERIODS; }
 
+void stop_both() {
+    controls.left.stop();
+    controls.right.stop();
+}
+
 void grow_older() {
     if (command_age <= TIMEOUT_PERIODS) {
         ++command_age;
         if (has_timed_out()) {
-            controls.left.stop();
-            controls.right.stop();
+            stop_both();
         }
     }
 }
@@ -69,6 +73,12 @@ void wheel_control::command(Wheels<int16_t> ticks_per_s) {
         controls.left.want(ticks_per_s.left);
         controls.right.want(ticks_per_s.right);
         command_age = 0;
+    }
+}
+
+void wheel_control::stop() {
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        stop_both();
     }
 }
 

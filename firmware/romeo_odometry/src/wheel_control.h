@@ -14,6 +14,9 @@ void configure(const settings_frame &settings);
 // Wanted speeds, ticks/s. In force until the next ones or the command timeout.
 void command(Wheels<int16_t> ticks_per_s);
 
+// Let go of both wheels; the next command is followed from a standstill.
+void stop();
+
 // Is the last command older than the command timeout?
 bool timed_out();
 
