@@ -1,0 +1,245 @@
+"""JPEG → red blobs → bearings of teammates (Perera 2021 ch. 5.4, eq. 33–37).
+
+The picture is reduced to a quarter as it is decoded, and only as far down as strips can be. What
+has the strip's colour is outlined; parts of one strip are put together; what cannot be a strip at
+its height, at any distance in reach, is dropped with a reason. The bearing is the mean over the
+blob's pixels, each weighted by its colour and by how much of the world it covers.
+
+Eq. 33 gives the azimuth with the ray's coordinates exchanged: it is atan2(y, x) in the robot frame.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from host.config import Camera, Eye
+from host.messages import Bearings, FloatArray, IntArray
+from host.perception.jpeg_decoder import SCALE, Decoder, Image, UnusableError, fastest_decoder
+from host.perception.strip_colour import StripColour
+from host.perception.strip_geometry import REACH_M, StripGeometry, full_size
+
+_NEAREST, _FARTHEST = 0.7, 1.3  # times the bounds of reach: what a size may say of the distance
+_TOO_WIDE, _TOO_TALL = 1.7, 3.0  # times the strip's own proportions; a strip may be hidden in part
+_MERGED_WIDE = 1.3
+_EDGE = 0.15  # of a strip's full colour: less is taken for the background
+_PIXEL_STD = 0.1  # std of a blob's middle in reduced pixels
+_MOST_BLOBS = 200  # a picture that has more is of another colour than it should be
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """Something in the strip's colour. x, y (its middle), width, height, area_px: full-size px.
+
+    kept: may be a teammate; reason: why not. bearing_rad in the robot frame, from the camera's
+    place, with variance_rad2 (without the camera's own noise). range_m: what its size says of the
+    distance from the lens, with its std; a strip hidden in part seems farther away.
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+    area_px: float
+    kept: bool
+    reason: str = ""
+    bearing_rad: float = math.nan
+    variance_rad2: float = math.nan
+    range_m: float = math.nan
+    range_std_m: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class _Patch:
+    """Part of a blob: its box in the reduced picture, its extents in azimuth and elevation."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    count: int
+    azimuths: tuple[float, float]
+    elevations: tuple[float, float]
+
+    def with_other(self, other: "_Patch") -> "_Patch":
+        """Both as one."""
+        return _Patch(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+            self.count + other.count,
+            _hull(self.azimuths, other.azimuths),
+            _hull(self.elevations, other.elevations),
+        )
+
+    @property
+    def wide(self) -> float:
+        return self.azimuths[1] - self.azimuths[0]
+
+    @property
+    def tall(self) -> float:
+        return self.elevations[1] - self.elevations[0]
+
+
+def _hull(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    return min(a[0], b[0]), max(a[1], b[1])
+
+
+class StripFinder:
+    """Finds teammates' strips in one camera's pictures. For one thread.
+
+    counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
+    found. decoder: the fastest that is installed, unless another is given.
+    """
+
+    def __init__(self, camera: Camera, eye: Eye, decoder: Decoder | None = None) -> None:
+        self._camera, self._eye = camera, eye
+        self._decoder = decoder or fastest_decoder()
+        self._size = (eye.width_px, eye.height_px)
+        self._colour = StripColour(camera.strip)
+        self.geometry = StripGeometry(camera, eye)
+        self.counts: dict[str, int] = {"pictures": 0, "strips": 0}
+
+    def find(self, jpeg: bytes, time: float) -> Bearings | None:
+        """Bearings of the teammates in a picture taken at `time`; None where it is not whole."""
+        try:
+            blobs = [blob for blob in self.search(jpeg) if blob.kept]
+        except UnusableError:
+            return None
+        noise = self._camera.bearing_noise_rad**2
+        return Bearings(
+            time=time,
+            bearings=np.array([blob.bearing_rad for blob in blobs], dtype=float),
+            variances=np.array([noise + blob.variance_rad2 for blob in blobs], dtype=float),
+            origin=(self._eye.x_m, self._eye.y_m),
+            view=self.geometry.view,
+        )
+
+    def blobs(self, jpeg: bytes) -> list[Blob]:
+        """Everything in the strip's colour, left to right; none where the picture is not whole."""
+        try:
+            return self.search(jpeg)
+        except UnusableError:
+            return []
+
+    def search(self, jpeg: bytes) -> list[Blob]:
+        """As `blobs`; raises UnusableError, once counted, where the picture is not whole."""
+        self._count("pictures")
+        try:
+            picture = self._decoder.decode(jpeg, self._size, self.geometry.rows)
+        except UnusableError as error:
+            self._count(f"pictures_{error}")
+            raise
+        mask = cv2.bitwise_and(self._colour.mask(picture), self.geometry.drawn)
+        patches = self._patches(np.asarray(mask, dtype=np.uint8))
+        blobs = [self._judge(patch, picture) for patch in self._merge(patches)]
+        for blob in blobs:
+            self._count("strips" if blob.kept else f"dropped_{blob.reason}")
+        return blobs
+
+    def _count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1
+
+    def _patches(self, mask: Image) -> list[_Patch]:
+        contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        if len(contours) > _MOST_BLOBS:
+            self._count("pictures_overfull")
+            contours = sorted(contours, key=len, reverse=True)[:_MOST_BLOBS]
+        patches = [
+            self._patch(np.asarray(contour, dtype=np.int64)[:, 0, :]) for contour in contours
+        ]
+        return sorted(patches, key=lambda patch: patch.left)
+
+    def _patch(self, outline: IntArray) -> _Patch:
+        x, y = outline[:, 0], outline[:, 1]
+        azimuth, elevation = self.geometry.azimuth[y, x], self.geometry.elevation[y, x]
+        # Outlines pass through the middles of the outermost pixels.
+        half = 0.5 * math.sqrt(self.geometry.solid_angle[y[0], x[0]])
+        left, right, top, bottom = int(x.min()), int(x.max()), int(y.min()), int(y.max())
+        return _Patch(
+            left,
+            top,
+            right + 1,
+            bottom + 1,
+            max(len(x), (right - left) * (bottom - top)),
+            (float(azimuth.min()) - half, float(azimuth.max()) + half),
+            (float(elevation.min()) - half, float(elevation.max()) + half),
+        )
+
+    def _merge(self, patches: list[_Patch]) -> list[_Patch]:
+        """Put parts side by side together, where both are no wider than one strip so tall."""
+        merged: list[_Patch] = []
+        for patch in patches:
+            for k in range(len(merged)):
+                if self._one_strip(merged[k], patch):
+                    merged[k] = merged[k].with_other(patch)
+                    break
+            else:
+                merged.append(patch)
+        return merged
+
+    def _one_strip(self, a: _Patch, b: _Patch) -> bool:
+        level = min(a.elevations[1], b.elevations[1]) - max(a.elevations[0], b.elevations[0])
+        if not level > 0.5 * min(a.tall, b.tall):
+            return False
+        both = a.with_other(b)
+        return both.wide <= _MERGED_WIDE * self._proportion * max(a.tall, b.tall)
+
+    @property
+    def _proportion(self) -> float:
+        return self._camera.strip.diameter_m / self._camera.strip.tall_m
+
+    def _judge(self, patch: _Patch, picture: Image) -> Blob:
+        """Measure one blob, and say whether it can be a teammate's strip."""
+        # A margin of one pixel: those at the edges are filled in part.
+        top, left = max(patch.top - 1, 0), max(patch.left - 1, 0)
+        box = (slice(top, patch.bottom + 1), slice(left, patch.right + 1))
+        strength = self._colour.strength(picture[box])
+        strength = np.where(self.geometry.drawn[box], strength, 0.0)
+        share = strength / max(float(strength.max()), 1.0)
+        share[share < _EDGE] = 0.0
+        solid = self.geometry.solid_angle[box] * share
+        total = float(solid.sum())
+        azimuth = float((solid * self.geometry.azimuth[box]).sum()) / total
+        elevation = float((solid * self.geometry.elevation[box]).sum()) / total
+        pixels = float(share.sum())
+        strip = self._camera.strip
+        distance = math.sqrt(strip.diameter_m * strip.tall_m / total)
+        reason = self._reason(patch, azimuth, elevation, distance)
+        pixel_rad = math.sqrt(total / pixels)
+        hidden = max(0.0, self._proportion * (patch.tall - pixel_rad) - patch.wide)
+        return Blob(
+            x=_middle(share.sum(axis=0), left, pixels),
+            y=_middle(share.sum(axis=1), top, pixels),
+            width=float(SCALE * (patch.right - patch.left)),
+            height=float(SCALE * (patch.bottom - patch.top)),
+            area_px=SCALE * SCALE * pixels,
+            kept=not reason,
+            reason=reason,
+            bearing_rad=self.geometry.bearing(azimuth),
+            variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + hidden**2 / 12.0,
+            range_m=distance,
+            range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
+        )
+
+    def _reason(self, patch: _Patch, azimuth: float, elevation: float, distance: float) -> str:
+        """Why a blob cannot be a strip; nothing where it can."""
+        geometry = self.geometry
+        pixel = 2.0 * math.sqrt(geometry.solid_angle[patch.top, patch.left])
+        reasons = {
+            "above_band": elevation > geometry.highest,
+            "own_body": geometry.on_own_body(azimuth, elevation),
+            "below_band": elevation < geometry.lowest,
+            "too_large": distance < _NEAREST * REACH_M,
+            "too_small": distance > _FARTHEST * self._camera.max_range_m,
+            "too_wide": patch.wide > _TOO_WIDE * self._proportion * patch.tall + pixel,
+            "too_tall": patch.tall > _TOO_TALL / self._proportion * patch.wide + pixel,
+        }
+        return next((reason for reason, applies in reasons.items() if applies), "")
+
+
+def _middle(sums: FloatArray, first: int, total: float) -> float:
+    """The weighted middle (full-size px) of rows or columns from `first` on."""
+    return float(full_size(first + (sums * np.arange(len(sums))).sum() / total))

@@ -1,0 +1,105 @@
+"""Where in a picture teammates' strips can be, and what each place in it means.
+
+The strip stands at a known height, so at each distance it appears at one elevation: over all
+distances in reach that is a narrow band about the horizon (Perera 2021 ch. 5.4).
+"""
+
+import math
+
+import numpy as np
+
+from host.config import Camera, Eye
+from host.geometry import wrap
+from host.messages import BoolArray, FloatArray
+from host.perception.jpeg_decoder import SCALE, Image
+from host.perception.lens import View
+
+REACH_M = 0.2  # no teammate's strip comes nearer to a lens
+BODY_M = 0.2  # nothing on the floor so near to the robot's middle is but its own body
+_LEVEL_RAD = 0.05  # a robot pitches and rolls so much as it drives
+_BEARINGS, _RANGES = 721, 25
+
+
+class StripGeometry:
+    """What one camera's pixels mean for strips.
+
+    rows: below so many rows of the picture no strip's middle can be. view (centre, half width)
+    rad: the bearings in which the picture shows a strip. azimuth, elevation (rad; azimuth from the
+    camera's heading) and solid_angle (sr) of each pixel of the reduced picture, (rows, columns);
+    drawn: 255 where the lens draws anything, 0 elsewhere, as are the others there.
+    """
+
+    def __init__(self, camera: Camera, eye: Eye) -> None:
+        self._camera, self._eye = camera, eye
+        self._view = View(eye)
+        self._offset_m = camera.strip.height_m - eye.z_m
+        distances = np.geomspace(REACH_M, camera.max_range_m, _RANGES)
+        elevations = np.arctan2(self._offset_m, distances)
+        self.lowest = float(elevations.min()) - _LEVEL_RAD
+        self.highest = float(elevations.max()) + _LEVEL_RAD
+        self.rows, self.view = self._survey(distances)
+        self.drawn, self.azimuth, self.elevation, self.solid_angle = self._directions()
+
+    def _survey(self, distances: FloatArray) -> tuple[int, tuple[float, float]]:
+        """Rows in which strips can be, and the bearings that the picture shows."""
+        camera, eye = self._camera, self._eye
+        offsets = np.linspace(-math.pi, math.pi, _BEARINGS)
+        bearing, distance = np.meshgrid(offsets + eye.heading_rad, distances, indexing="ij")
+        x = eye.x_m + distance * np.cos(bearing)
+        y = eye.y_m + distance * np.sin(bearing)
+        points = np.stack((x, y, np.full_like(x, camera.strip.height_m)), axis=-1)
+        pixels = self._view.pixels_of(points.reshape(-1, 3)).reshape((*points.shape[:2], 2))
+        inside = self._in_picture(pixels)
+        shown = inside[:, distances >= 0.5 * camera.half_range_m].all(axis=1)
+        seen = np.flatnonzero(shown)
+        if not len(seen):
+            return SCALE, (eye.heading_rad, 0.0)
+        # Corners of the picture see near strips farther aside than others; that is the other
+        # camera's part.
+        lowest = np.max(pixels[seen, :, 1], where=inside[seen], initial=0.0)
+        left, right = offsets[seen[-1]], offsets[seen[0]]
+        centre = float(wrap(eye.heading_rad + 0.5 * (left + right)))
+        rows = min(math.ceil(lowest) + 1, eye.height_px)
+        return rows, (centre, float(0.5 * (left - right)))
+
+    def _in_picture(self, pixels: FloatArray) -> BoolArray:
+        x, y = pixels[..., 0], pixels[..., 1]
+        with np.errstate(invalid="ignore"):  # nan is outside
+            return np.asarray(
+                (x >= -0.5)
+                & (x <= self._eye.width_px - 0.5)
+                & (y >= -0.5)
+                & (y <= self._eye.height_px - 0.5)
+            )
+
+    def _directions(self) -> tuple[Image, FloatArray, FloatArray, FloatArray]:
+        rows, columns = -(-self.rows // SCALE), -(-self._eye.width_px // SCALE)
+        y, x = np.indices((rows, columns), dtype=float)
+        pixels = full_size(np.stack((x, y), axis=-1)).reshape(-1, 2)
+        ray = self._view.directions_of(pixels).reshape(rows, columns, 3)
+        down, right = np.gradient(ray, axis=0), np.gradient(ray, axis=1)
+        solid_angle = np.linalg.norm(np.cross(right, down), axis=-1)
+        drawn = np.isfinite(solid_angle)
+        ray = np.where(drawn[..., None], ray, 0.0)
+        azimuth = wrap(np.arctan2(ray[..., 1], ray[..., 0]) - self._eye.heading_rad)
+        elevation = np.arcsin(np.clip(ray[..., 2], -1.0, 1.0))
+        mask = np.where(drawn, 255, 0).astype(np.uint8)
+        return mask, azimuth, elevation, np.where(drawn, solid_angle, 0.0)
+
+    def on_own_body(self, azimuth: float, elevation: float) -> bool:
+        """Whether a ray meets the floor within the robot's own outline."""
+        if elevation >= 0.0:
+            return False
+        bearing, reach = azimuth + self._eye.heading_rad, self._eye.z_m / math.tan(-elevation)
+        x = self._eye.x_m + reach * math.cos(bearing)
+        y = self._eye.y_m + reach * math.sin(bearing)
+        return math.hypot(x, y) < BODY_M
+
+    def bearing(self, azimuth: float) -> float:
+        """Bearing (rad, in [-pi, pi)) in the robot frame (Perera 2021 eq. 37, repaired)."""
+        return float(wrap(azimuth + self._eye.heading_rad))
+
+
+def full_size(index: FloatArray) -> FloatArray:
+    """Where the middle of a pixel of the reduced picture lies in the full one, px."""
+    return SCALE * np.asarray(index, dtype=float) + 0.5 * (SCALE - 1)
