@@ -36,6 +36,7 @@ from host.errors import UserError
 TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way to the bootloader
 UPLOAD_BAUDRATE = 57600
 BOOTLOADER_S = 8.0  # to appear, and about as long it stays
+BUTTON_S = 30.0  # for a person to press the reset button
 UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
 SKETCH_S = 10.0
 IDENTITY_S = 4.0
@@ -87,8 +88,8 @@ def flash(
         report(f"the board is in its bootloader: {board.path}")
     else:
         report(f"found the board: {board.path}")
-        board = enter_bootloader(board)
-        report(f"its bootloader answers the touch at 1200 baud: {board.path}")
+        board = enter_bootloader(board, report)
+        report(f"its bootloader is there: {board.path}")
     upload(avrdude, firmware.hex, board.path)
     report(f"uploaded and verified {firmware.flash_bytes} bytes")
     path = stable_path(_sketch_of(board).path)
@@ -149,21 +150,30 @@ def find_avrdude() -> list[str]:
     )
 
 
-def enter_bootloader(board: BoardPort) -> BoardPort:
+def enter_bootloader(board: BoardPort, report: Callable[[str], None]) -> BoardPort:
     """Have the sketch give way to the bootloader; the bootloader's port, open to this user.
 
-    Raises UserError where it does not appear within BOOTLOADER_S.
+    Where the touch does nothing it asks for the reset button. Raises UserError where the
+    bootloader does not appear within BUTTON_S after that either.
     """
     before = [one.path for one in boards() if one.in_bootloader]
     touch(board.path)
-    found = wait_for(
-        lambda one: one.in_bootloader and one.same_board(board), BOOTLOADER_S, unlike=before
-    )
+
+    def wanted(one: BoardPort) -> bool:
+        return one.in_bootloader and one.same_board(board)
+
+    found = wait_for(wanted, BOOTLOADER_S, unlike=before)
+    if found is None:
+        report(
+            "its bootloader does not answer the touch at 1200 baud: press the board's reset button "
+            "now (twice in quick succession where once does nothing)"
+        )
+        found = wait_for(wanted, BUTTON_S, unlike=before)
     if found is None:
         still = os.path.exists(board.path)
         raise UserError(
             "the bootloader did not appear",
-            f"{BOOTLOADER_S:.0f} s after the touch at 1200 baud "
+            "neither after the touch at 1200 baud nor after the reset button; "
             + (
                 f"the sketch still has {board.path}: it may hang, or not be an Arduino sketch"
                 if still

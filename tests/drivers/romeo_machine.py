@@ -105,6 +105,7 @@ class Machine:
         self.board = RomeoStandIn(lambda now: (0, 0), start=time.monotonic())
         self.lost = self.mute = self.forgetful = self.stuck = False
         self.touches = 0
+        self.reset_button = threading.Event()  # set: it is pressed
         self.sketch = Terminal(folder / "ttyACM0")
         # The system gives the bootloader another name where the sketch's is still in use.
         self.loader = Terminal(folder / "ttyACM1")
@@ -149,6 +150,9 @@ class Machine:
 
     def _run_sketch(self) -> None:
         now = time.monotonic()
+        if self.reset_button.is_set():
+            self._show(BOOTLOADER)
+            return
         if not self.sketch.listening:
             if self.sketch.plugged and self._speed() == termios.B1200:
                 self.touches += 1

@@ -111,7 +111,25 @@ def test_the_real_firmware_follows_the_touch(
     with Machine(tmp_path, obeys=touched) as machine:
         monkeypatch.setattr(list_ports, "comports", machine.comports)
         board = romeo_ports.find_board()
-        assert romeo_flash.enter_bootloader(board).path == str(machine.loader.path)
+        assert romeo_flash.enter_bootloader(board, print).path == str(machine.loader.path)
+
+
+def test_where_the_touch_does_nothing_the_reset_button_is_asked_for_and_waited_for(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch, firmware: Firmware
+) -> None:
+    monkeypatch.setattr(romeo_flash, "BOOTLOADER_S", 0.3)
+    machine.obeys = lambda: False
+    lines: list[str] = []
+
+    def read(line: str) -> None:
+        lines.append(line)
+        if "press the board's reset button" in line:
+            machine.reset_button.set()
+        if "uploaded" in line:
+            machine.reset_button.clear()
+
+    assert flash(firmware, "auto", read).identity == identity_of()
+    assert len(lines) == 5
 
 
 def test_another_board_in_its_bootloader_is_left_alone(
@@ -222,6 +240,7 @@ def test_the_bootloader_does_not_appear(
     machine: Machine, monkeypatch: pytest.MonkeyPatch, firmware: Firmware, gone: bool, why: str
 ) -> None:
     monkeypatch.setattr(romeo_flash, "BOOTLOADER_S", 0.3)
+    monkeypatch.setattr(romeo_flash, "BUTTON_S", 0.3)
     machine.lost, machine.obeys = gone, lambda: False
     error = failure(firmware)
     assert error.what == "the bootloader did not appear"
