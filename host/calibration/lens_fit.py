@@ -1,0 +1,271 @@
+"""Pictures of a checkerboard → focal length, centre, k1 and k2 of a lens that sees 180 degrees.
+
+All views are fitted at once, each with its own pose of the board (Kannala and Brandt 2006, part
+IV). Rays stand where other calibrations have points of a picture plane, so corners at and past
+90 deg off the axis count like any other. Pixels are square.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from host.config import Eye
+from host.errors import UserError
+from host.messages import BoolArray, FloatArray
+from host.perception.lens import Lens, equidistant_limit, equidistant_radius
+
+_LEAST_VIEWS, _LEAST_CORNERS = 3, 8
+_START_WIDTHS = np.geomspace(0.15, 1.2, 13)  # focal lengths tried first, in widths of the picture
+_SOFT_PX = 0.5  # the first fit trusts corners less from this error on
+_OUTLIER_SIGMAS, _OUTLIER_PX = 6.0, 2.0  # a corner beyond both was not where it was taken to be
+_RAYLEIGH_MEDIAN = 1.1774  # of the error's length, in standard deviations of one coordinate
+_MOST_STEPS, _STEP = 300, 1e-7
+_WRONG_PX = 5.0  # no lens of this model explains the corners
+
+_T = TypeVar("_T", bound=np.generic)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardView:
+    """The corners of one picture. board (n, 2) m: on the board; pixels (n, 2): in the picture."""
+
+    board: FloatArray
+    pixels: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LensFit:
+    """A fitted equidistant lens.
+
+    eye: the given one with the fitted focal length, centre, k1 and k2. poses (v, 6): of the board
+    in each view, as rotation vector (rad) and translation (m), board → camera frame. errors: for
+    each view (n, 2) px, drawn minus seen. used: for each view (n,), False for corners left out.
+    angles: for each view (n,) rad, how far off the axis the corners were.
+    """
+
+    eye: Eye
+    poses: FloatArray
+    errors: tuple[FloatArray, ...]
+    used: tuple[BoolArray, ...]
+    angles: tuple[FloatArray, ...]
+
+    @property
+    def rms_px(self) -> float:
+        """Root of the mean squared distance between drawn and seen corners, of those used."""
+        errors = np.concatenate(self.errors)[np.concatenate(self.used)]
+        return math.sqrt(float(np.mean(np.sum(errors**2, axis=1))))
+
+    @property
+    def reach_rad(self) -> float:
+        """The farthest used corner's angle off the axis: beyond it the lens is extrapolated."""
+        return float(np.max(np.concatenate(self.angles)[np.concatenate(self.used)]))
+
+
+def find_corners(grey: NDArray[np.uint8], columns: int, rows: int) -> FloatArray | None:
+    """Inner corners (columns * rows, 2) px of a checkerboard, row by row; None if not all are seen.
+
+    grey (height, width). Which corner comes first is arbitrary, and does not matter to a fit.
+    """
+    found, corners = cv2.findChessboardCornersSB(
+        grey, (columns, rows), flags=cv2.CALIB_CB_EXHAUSTIVE
+    )
+    return np.asarray(corners, dtype=float).reshape(-1, 2) if found else None
+
+
+def board_corners(columns: int, rows: int, square_m: float) -> FloatArray:
+    """Inner corners (columns * rows, 2) m of a board, in the order of `find_corners`."""
+    y, x = np.mgrid[:rows, :columns]
+    return square_m * np.stack((x.ravel(), y.ravel()), axis=1).astype(float)
+
+
+def fit_lens(views: Sequence[BoardView], eye: Eye) -> LensFit:
+    """Fit the lens of the camera `eye`, of which only the picture's size is trusted.
+
+    A corner is left out if the robust first fit misses it by more than 2 px and by more than 6
+    times the spread of all. Raises UserError where the views cannot tell a lens.
+    """
+    _check(views)
+    corners = _Corners(views)
+    start = _start(corners, views, eye)
+    rough = corners.solve(start, np.full(len(corners.seen), True), "soft_l1")
+    miss = np.hypot(*corners.errors(rough).T)
+    spread = float(np.median(miss)) / _RAYLEIGH_MEDIAN
+    used = miss <= max(_OUTLIER_PX, _OUTLIER_SIGMAS * spread)
+    fitted = corners.solve(rough, used, "linear")
+    fit = LensFit(
+        _eye_of(fitted, eye),
+        fitted[5:].reshape(-1, 6),
+        corners.by_view(corners.errors(fitted)),
+        corners.by_view(used),
+        corners.by_view(corners.draw(fitted)[1]),
+    )
+    if fit.rms_px > _WRONG_PX:
+        raise _not_a_lens(f"the best lens misses the corners by {fit.rms_px:.1f} px")
+    if equidistant_limit(fit.eye.k1, fit.eye.k2) < fit.reach_rad:
+        raise _not_a_lens("the best lens draws the outermost corners twice")
+    return fit
+
+
+def _check(views: Sequence[BoardView]) -> None:
+    few = [view for view in views if len(view.pixels) < _LEAST_CORNERS]
+    if len(views) < _LEAST_VIEWS or few:
+        raise UserError(
+            "there are too few corners to fit a lens to",
+            f"{len(views)} pictures, {len(few)} of them with fewer than {_LEAST_CORNERS} corners; "
+            f"{_LEAST_VIEWS} are needed",
+            "take 10 pictures of the board or more, tilted, at the middle and at every border",
+        )
+
+
+def _not_a_lens(why: str) -> UserError:
+    return UserError(
+        "no lens fits these corners",
+        why,
+        "check the number of the board's inner corners, and that all pictures are of one camera",
+    )
+
+
+class _Corners:
+    """All corners in one row, and what a fit asks of them.
+
+    Values (5 + 6 v,) of a fit: focal length, centre x, y (px), k1, k2, then the pose of each view.
+    """
+
+    def __init__(self, views: Sequence[BoardView]) -> None:
+        counts = [len(view.pixels) for view in views]
+        self.board = np.concatenate([view.board for view in views])
+        self.seen = np.concatenate([view.pixels for view in views])
+        self._owner = np.repeat(np.arange(len(views)), counts)
+        self._bounds = np.cumsum(counts)[:-1]
+
+    def by_view(self, rows: NDArray[_T]) -> tuple[NDArray[_T], ...]:
+        """One array for each view, of an array with a row for each corner."""
+        return tuple(np.split(rows, self._bounds))
+
+    def draw(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixels (n, 2) of the corners and their angles off the axis (n,)."""
+        focal, centre, (k1, k2) = values[0], values[1:3], values[3:5]
+        poses = values[5:].reshape(-1, 6)
+        turns = Rotation.from_rotvec(poses[:, :3]).as_matrix()[self._owner]
+        rays = np.einsum("nij,nj->ni", turns[:, :, :2], self.board) + poses[self._owner, 3:]
+        across = np.hypot(rays[:, 0], rays[:, 1])
+        angles = np.arctan2(across, rays[:, 2])
+        # A fit passes lenses that fold back on its way: no limit, and so no nan, is set here.
+        radii = focal * equidistant_radius(angles, k1, k2)
+        return centre + (radii / np.maximum(across, 1e-12))[:, None] * rays[:, :2], angles
+
+    def errors(self, values: FloatArray) -> FloatArray:
+        """Drawn minus seen, (n, 2) px."""
+        return np.asarray(self.draw(values)[0] - self.seen)
+
+    def _slopes(self, values: FloatArray) -> FloatArray:
+        """Derivatives (2 n, 5 + 6 v) of the errors.
+
+        A pose moves the corners of its own view alone, so one step serves the poses of all views.
+        """
+        slopes = np.zeros((len(self.seen), 2, len(values)))
+        here = self.errors(values)
+        every = np.arange(len(self.seen))
+        for k in range(11):
+            columns = np.array([k]) if k < 5 else np.arange(k, len(values), 6)
+            step = _STEP * max(1.0, float(np.abs(values[columns]).max()))
+            moved = values.copy()
+            moved[columns] += step
+            column = np.full(len(every), k) if k < 5 else k + 6 * self._owner
+            slopes[every, :, column] = (self.errors(moved) - here) / step
+        return slopes.reshape(-1, len(values))
+
+    def solve(
+        self, start: FloatArray, used: BoolArray, loss: Literal["linear", "soft_l1"]
+    ) -> FloatArray:
+        """The values that draw the `used` (n,) corners where they were seen, as `loss` weighs."""
+
+        def errors(values: FloatArray) -> FloatArray:
+            return self.errors(values)[used].ravel()
+
+        def slopes(values: FloatArray) -> FloatArray:
+            return self._slopes(values)[np.repeat(used, 2)]
+
+        found = least_squares(
+            errors,
+            start,
+            jac=slopes,
+            x_scale="jac",
+            loss=loss,
+            f_scale=_SOFT_PX,
+            max_nfev=_MOST_STEPS,
+        )
+        return np.asarray(found.x)
+
+
+def _start(corners: _Corners, views: Sequence[BoardView], eye: Eye) -> FloatArray:
+    """Values to begin with: the plain lens, of many focal lengths, that explains the views best."""
+    middle = (0.5 * (eye.width_px - 1), 0.5 * (eye.height_px - 1))
+    best, best_miss = None, math.inf
+    for focal in _START_WIDTHS * eye.width_px:
+        lens = Lens(_plain(eye, focal, middle))
+        poses = [_pose(view.board, lens.unproject(view.pixels)) for view in views]
+        values = np.concatenate(([focal, *middle, 0.0, 0.0], *poses))
+        if not np.isfinite(values).all():
+            continue
+        miss = float(np.median(np.hypot(*corners.errors(values).T)))
+        if miss < best_miss:
+            best, best_miss = values, miss
+    if best is None:
+        raise _not_a_lens("corners lie farther from the middle of the picture than any lens draws")
+    return best
+
+
+def _plain(eye: Eye, focal: float, centre: tuple[float, float]) -> Eye:
+    changes = {"lens": "equidistant", "focal_px": float(focal), "k1": 0.0, "k2": 0.0}
+    changes |= {"centre_x_px": centre[0], "centre_y_px": centre[1]}
+    return eye.model_copy(update=changes)
+
+
+def _eye_of(values: FloatArray, eye: Eye) -> Eye:
+    focal, x, y, k1, k2 = (float(value) for value in values[:5])
+    settings = _plain(eye, focal, (x, y)).model_dump() | {"k1": k1, "k2": k2}
+    try:
+        return Eye.model_validate(settings)
+    except ValidationError as error:
+        name = error.errors()[0]["loc"][0]
+        raise _not_a_lens(f"the best one has {name} = {settings[str(name)]:.4g}") from error
+
+
+def _pose(board: FloatArray, rays: FloatArray) -> FloatArray:
+    """Pose (6,) of a plane from `rays` (n, 3) to its points `board` (n, 2), nan where a ray is.
+
+    The homography of the plane, with rays in place of points of a picture: ray x (H p) = 0.
+    """
+    if not np.isfinite(rays).all():
+        return np.full(6, math.nan)
+    scale = float(np.abs(board).max()) or 1.0
+    plane = np.column_stack((board / scale, np.ones(len(board))))
+    x, y, z = rays.T[:, :, None]
+    none = np.zeros_like(plane)
+    rows = np.concatenate(
+        (
+            np.hstack((none, -z * plane, y * plane)),
+            np.hstack((z * plane, none, -x * plane)),
+            np.hstack((-y * plane, x * plane, none)),
+        )
+    )
+    homography = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 3)
+    if np.sum(rays * (plane @ homography.T)) < 0.0:  # the board lies where the rays go
+        homography = -homography
+    homography = homography @ np.diag((1.0 / scale, 1.0 / scale, 1.0))
+    homography = homography / math.sqrt(
+        float(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
+    )
+    u, _, v = np.linalg.svd(homography[:, :2], full_matrices=False)
+    first, second = (u @ v).T
+    turn = np.column_stack((first, second, np.cross(first, second)))
+    return np.concatenate((Rotation.from_matrix(turn).as_rotvec(), homography[:, 2]))
