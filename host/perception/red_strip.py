@@ -196,9 +196,8 @@ class StripFinder:
         # A margin of one pixel: those at the edges are filled in part.
         top, left = max(patch.top - 1, 0), max(patch.left - 1, 0)
         box = (slice(top, patch.bottom + 1), slice(left, patch.right + 1))
-        strength = self._colour.strength(picture[box])
-        strength = np.where(self.geometry.drawn[box], strength, 0.0)
-        share = strength / max(float(strength.max()), 1.0)
+        purity = np.where(self.geometry.drawn[box], self._colour.purity(picture[box]), 0.0)
+        share = purity / max(float(purity.max()), 1e-3)
         share[share < _EDGE] = 0.0
         solid = self.geometry.solid_angle[box] * share
         total = float(solid.sum())
@@ -209,7 +208,10 @@ class StripFinder:
         distance = math.sqrt(strip.diameter_m * strip.tall_m / total)
         reason = self._reason(patch, azimuth, elevation, distance)
         pixel_rad = math.sqrt(total / pixels)
-        hidden = max(0.0, self._proportion * (patch.tall - pixel_rad) - patch.wide)
+        # Hidden in part, or with another strip behind it: the middle may be that much aside.
+        misfit = max(
+            0.0, abs(self._proportion * patch.tall - patch.wide) - self._proportion * pixel_rad
+        )
         return Blob(
             x=_middle(share.sum(axis=0), left, pixels),
             y=_middle(share.sum(axis=1), top, pixels),
@@ -219,7 +221,7 @@ class StripFinder:
             kept=not reason,
             reason=reason,
             bearing_rad=self.geometry.bearing(azimuth),
-            variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + hidden**2 / 12.0,
+            variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + misfit**2 / 12.0,
             range_m=distance,
             range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
         )

@@ -10,6 +10,7 @@ from host.messages import FloatArray
 from host.perception.jpeg_decoder import Image
 
 _HUES = 180  # OpenCV counts hue in steps of 2 deg, so that it fits a byte
+_DARK = 12.0  # of 255; what is darker has no colour to speak of
 
 
 class StripColour:
@@ -40,9 +41,11 @@ class StripColour:
         mask = masks[0] if len(masks) == 1 else cv2.bitwise_or(masks[0], masks[1])
         return np.asarray(mask, dtype=np.uint8)
 
-    def strength(self, picture: Image) -> FloatArray:
-        """How far each pixel of `picture` (h, w, 3) BGR lies from grey towards the colour: (h, w).
+    def purity(self, picture: Image) -> FloatArray:
+        """How much of the light of each pixel of `picture` (h, w, 3) BGR is of the colour: (h, w).
 
-        0 for grey; linear in the light, so that a pixel which the strip fills by half has half.
+        0 for grey. Light and shade on a strip leave it as it is, and a pixel that the strip fills
+        in part has less.
         """
-        return np.asarray(picture @ self._direction)
+        colour = np.maximum(picture @ self._direction, 0.0)
+        return np.asarray(colour / np.maximum(picture.max(axis=2), _DARK))
