@@ -10,7 +10,8 @@ import re
 MAX_BYTES = 16 << 20  # of one picture
 _START = b"\xff\xd8\xff"
 _SOI, _EOI, _SOS = 0xD8, 0xD9, 0xDA
-_TABLES = {0xC4, 0xCC, 0xDB, 0xDC, 0xDD, 0xFE, *range(0xE0, 0xF0)}
+_OPAQUE = {0xFE, *range(0xE0, 0xF0)}  # comments and application data may hold anything
+_TABLES = {0xC4, 0xCC, 0xDB, 0xDC, 0xDD, *_OPAQUE}
 _FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _IN_HEADER = _TABLES | _FRAMES | {_SOS, 0xDE, 0xDF}
 _AFTER_SCAN = _TABLES | {_SOS}
@@ -105,30 +106,43 @@ class Splitter:
         if buffer[at] == 0xFF and code in (_SOI, _EOI):
             whole = code == _EOI and self._has_scan
             return self._hand_out(pictures) if whole else self._tear(at)
-        if at + _needed(code) > len(buffer):
-            return False
-        if buffer[at] != 0xFF or not self._fits(code, at):
+        if buffer[at] != 0xFF or code not in _IN_HEADER:
             # The last segment may be a torn one that swallowed the start of another picture. The
             # segments before it were followed by a marker, so a thumbnail in them stays hidden.
             return self._tear(self._last_segment)
+        return self._enter_segment(code)
+
+    def _enter_segment(self, code: int) -> bool:
+        buffer, at = self._buffer, self._at
+        length = int.from_bytes(buffer[at + 2 : at + 4], "big")
+        end = at + 2 + length
+        # Of tables and headers all is looked at, and a byte beyond: they are short.
+        if len(buffer) < (at + 4 if code in _OPAQUE else max(at + 5, end + 1)):
+            return False
+        if not self._fits(code, length):
+            return self._tear(self._last_segment)
+        swallowed = -1 if code in _OPAQUE else buffer.find(_START, at, end + 1)
+        if swallowed >= 0:
+            return self._tear(swallowed)
         self._last_segment = at
         self._has_frame |= code in _FRAMES
         self._has_scan |= code == _SOS
         self._in_scan = code == _SOS
-        self._at = at + 2 + int.from_bytes(buffer[at + 2 : at + 4], "big")
+        self._at = end
         return True
 
-    def _fits(self, code: int, at: int) -> bool:
-        """Does the segment's head make sense here?"""
-        length = int.from_bytes(self._buffer[at + 2 : at + 4], "big")
+    def _fits(self, code: int, length: int) -> bool:
+        """Does a segment of this length make sense here? A short one's bytes are all there."""
         if code == _SOS:
-            components = self._buffer[at + 4]
+            components = self._buffer[self._at + 4]
             return self._has_frame and 1 <= components <= 4 and length == 6 + 2 * components
         if code in _FRAMES:
-            components = self._buffer[at + 9]
-            size = _size(self._buffer, at)
-            return not self._has_frame and min(size) > 0 and length == 8 + 3 * components
-        return code in _IN_HEADER and length >= 2
+            components = self._buffer[self._at + 9] if length > 8 else 0
+            size = _size(self._buffer, self._at)
+            return (
+                not self._has_frame and min(*size, components) > 0 and length == 8 + 3 * components
+            )
+        return length >= 2
 
     def _hand_out(self, pictures: list[bytes]) -> bool:
         end = self._at + 2
@@ -146,11 +160,6 @@ def size_of(jpeg: bytes) -> tuple[int, int]:
         filling = jpeg[at + 1] == 0xFF
         at += 1 if filling else 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
     return _size(jpeg, at)
-
-
-def _needed(code: int) -> int:
-    """How many bytes of a segment have to be there before it is judged."""
-    return 10 if code in _FRAMES else 5 if code == _SOS else 4
 
 
 def _size(data: bytes | bytearray, at: int) -> tuple[int, int]:
