@@ -96,7 +96,7 @@ class StripFinder:
 
     def __init__(self, camera: Camera, eye: Eye, decoder: Decoder | None = None) -> None:
         self._camera, self._eye = camera, eye
-        self._decoder = decoder or fastest_decoder()
+        self.decoder = decoder or fastest_decoder()
         self._size = (eye.width_px, eye.height_px)
         self._colour = StripColour(camera.strip)
         self.geometry = StripGeometry(camera, eye)
@@ -128,16 +128,20 @@ class StripFinder:
         """As `blobs`; raises UnusableError, once counted, where the picture is not whole."""
         self._count("pictures")
         try:
-            picture = self._decoder.decode(jpeg, self._size, self.geometry.rows)
+            picture = self.decoder.decode(jpeg, self._size, self.geometry.rows)
         except UnusableError as error:
             self._count(f"pictures_{error}")
             raise
-        mask = cv2.bitwise_and(self._colour.mask(picture), self.geometry.drawn)
-        patches = self._patches(np.asarray(mask, dtype=np.uint8))
+        patches = self._patches(self.mask(picture))
         blobs = [self._judge(patch, picture) for patch in self._merge(patches)]
         for blob in blobs:
             self._count("strips" if blob.kept else f"dropped_{blob.reason}")
         return blobs
+
+    def mask(self, picture: Image) -> Image:
+        """255 where a reduced picture (h, w, 3) has the strip's colour, in the lens: (h, w)."""
+        drawn = cv2.bitwise_and(self._colour.mask(picture), self.geometry.drawn)
+        return np.asarray(drawn, dtype=np.uint8)
 
     def _count(self, name: str) -> None:
         self.counts[name] = self.counts.get(name, 0) + 1

@@ -1,0 +1,237 @@
+"""Strips in 1080p pictures: ours against the usual pipeline and against entropy decoding alone.
+
+Usual is: decode all of it, turn it into HSV, two ranges, open, close, contours, and the middle of
+each contour. The floor is the Huffman decoding of the whole picture, without a single pixel made.
+Pictures are rendered, so that the truth is known: teammates at 0.4 to 3 m, whole in the picture.
+
+    .venv/bin/python tools/bench/camera.py [--json FILE]
+
+Exits with 1 where a bound is missed. Times are CPU times, the least of several rounds.
+"""
+
+import argparse
+import ctypes
+import ctypes.util
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from host.config import Camera
+from host.geometry import wrap
+from host.perception.jpeg_decoder import OpenCvDecoder
+from host.perception.lens import View
+from host.perception.red_strip import StripFinder
+from host.simulation.pictures import Look, frames
+from host.simulation.sightings import Sightings
+
+CAMERA = Camera()
+EYE = CAMERA.front
+SIZE = (EYE.width_px, EYE.height_px)
+LEAST_RATIO = {75: 4.0, 92: 3.0}  # of the usual pipeline's time, by JPEG quality
+MOST_FLOORS = 1.6
+MOST_SHARE = 0.3  # of one core, for two cameras of 30 pictures a second
+FOUND_RAD = math.radians(3.0)
+WHOLE = 0.99  # share of a strip in plain view from which it has to be found
+SCENES, SENSOR_NOISE = 40, 4.0
+TIMED = 10
+NO_OUTPUT = 16  # turbojpeg.h: TJXOPT_NOOUTPUT
+
+Search = Callable[[bytes], list[float]]
+
+
+class Transform(ctypes.Structure):
+    """turbojpeg.h: tjtransform."""
+
+    _fields_ = (
+        ("region", ctypes.c_int * 4),
+        ("operation", ctypes.c_int),
+        ("options", ctypes.c_int),
+        ("data", ctypes.c_void_p),
+        ("filter", ctypes.c_void_p),
+    )
+
+
+class EntropyDecoder:
+    """Reads all coefficients of a JPEG and makes nothing of them."""
+
+    def __init__(self) -> None:
+        library = ctypes.CDLL(ctypes.util.find_library("turbojpeg") or "libturbojpeg.so.0")
+        library.tjInitTransform.restype = ctypes.c_void_p
+        self._transform = library.tjTransform
+        self._transform.argtypes = [
+            ctypes.c_void_p, ctypes.c_char_p, ctypes.c_ulong, ctypes.c_int,
+            *[ctypes.c_void_p] * 3, ctypes.c_int,
+        ]  # fmt: skip
+        self._handle = library.tjInitTransform()
+
+    def decode(self, jpeg: bytes) -> None:
+        """Raises ValueError where that fails."""
+        buffers, sizes = (ctypes.c_void_p * 1)(), (ctypes.c_ulong * 1)()
+        wanted = (Transform * 1)()
+        wanted[0].options = NO_OUTPUT
+        if self._transform(self._handle, jpeg, len(jpeg), 1, buffers, sizes, wanted, 0):
+            raise ValueError("not a whole JPEG")
+
+
+class Usual:
+    """The usual pipeline, with the same colours and the same lens."""
+
+    def __init__(self) -> None:
+        self._view = View(EYE)
+        self._kernel = np.ones((3, 3), np.uint8)
+
+    def contours(self, jpeg: bytes) -> list[np.ndarray]:
+        picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
+        low = cv2.inRange(hsv, (0, 115, 31), (10, 255, 255))
+        mask = low | cv2.inRange(hsv, (170, 115, 31), (179, 255, 255))
+        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, self._kernel)
+        mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, self._kernel)
+        return list(cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0])
+
+    def bearings(self, jpeg: bytes) -> list[float]:
+        moments = [cv2.moments(contour) for contour in self.contours(jpeg)]
+        middles = [(m["m10"] / m["m00"], m["m01"] / m["m00"]) for m in moments if m["m00"]]
+        if not middles:
+            return []
+        x, y, _ = self._view.directions_of(np.array(middles)).T
+        return list(np.arctan2(y, x))
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well one search does. Errors in degrees."""
+
+    recall: float
+    false_per_picture: float
+    median_deg: float
+    p95_deg: float
+
+
+def score(search: Search, pictures: list[tuple[bytes, Sightings]]) -> Quality:
+    errors, asked, false = [], 0, 0
+    for jpeg, truth in pictures:
+        found = np.array(search(jpeg))
+        apart = np.abs(wrap(found[:, None] - truth.bearings)).reshape(len(found), -1)
+        false += np.count_nonzero(apart.min(axis=1, initial=np.inf) > FOUND_RAD)
+        for k in np.flatnonzero(truth.shares >= WHOLE):
+            asked += 1
+            error = apart[:, k].min(initial=np.inf)
+            if error <= FOUND_RAD:
+                errors.append(math.degrees(error))
+    return Quality(
+        recall=len(errors) / asked,
+        false_per_picture=false / len(pictures),
+        median_deg=float(np.median(errors)),
+        p95_deg=float(np.percentile(errors, 95)),
+    )
+
+
+def least_ms(
+    runs: dict[str, Callable[[bytes], object]], jpegs: list[bytes], rounds: int
+) -> dict[str, float]:
+    """Least CPU time a picture of each, taken in turns so that all see the same machine."""
+    best = {name: np.full(len(jpegs), np.inf) for name in runs}
+    for _ in range(rounds):
+        for k, jpeg in enumerate(jpegs):
+            for name, run in runs.items():
+                begin = time.process_time()
+                run(jpeg)
+                best[name][k] = min(best[name][k], time.process_time() - begin)
+    return {name: 1e3 * float(np.mean(times)) for name, times in best.items()}
+
+
+def measure(quality: int, rounds: int) -> dict[str, object]:
+    """All figures at one JPEG quality."""
+    look = Look(quality=quality, noise=SENSOR_NOISE)
+    pictures = list(frames(SCENES, 1, CAMERA, EYE, look))
+    finder, fallback = StripFinder(CAMERA, EYE), StripFinder(CAMERA, EYE, OpenCvDecoder())
+    usual, floor = Usual(), EntropyDecoder()
+
+    def ours(jpeg: bytes) -> list[float]:
+        return [blob.bearing_rad for blob in finder.blobs(jpeg) if blob.kept]
+
+    jpegs = [jpeg for jpeg, _ in pictures[:TIMED]]
+    reduced = {jpeg: finder.decoder.decode(jpeg, SIZE, finder.geometry.rows) for jpeg in jpegs}
+    spent = least_ms(
+        {
+            "entropy decoding, whole picture": floor.decode,
+            "usual: decoding": lambda jpeg: cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1),
+            "usual: all": usual.contours,
+            "ours: decoding": lambda jpeg: finder.decoder.decode(jpeg, SIZE, finder.geometry.rows),
+            "ours: colour": lambda jpeg: finder.mask(reduced[jpeg]),
+            "ours: all": lambda jpeg: finder.find(jpeg, 0.0),
+            "ours without libturbojpeg: all": lambda jpeg: fallback.find(jpeg, 0.0),
+        },
+        jpegs,
+        rounds,
+    )
+    return {
+        "quality": quality,
+        "kilobytes": float(np.mean([len(jpeg) for jpeg in jpegs])) / 1e3,
+        "ms": spent,
+        "ratio": spent["usual: all"] / spent["ours: all"],
+        "floors": spent["ours: all"] / spent["entropy decoding, whole picture"],
+        "core_share": 2 * 30 * spent["ours: all"] / 1e3,
+        "ours": vars(score(ours, pictures)),
+        "usual": vars(score(usual.bearings, pictures)),
+    }
+
+
+def missed(figures: dict) -> list[str]:
+    """The bounds that these figures do not hold, in words."""
+    quality = figures["quality"]
+    bounds = {
+        f"at least {LEAST_RATIO[quality]:g} times as fast as usual": figures["ratio"]
+        >= LEAST_RATIO[quality],
+        f"at most {MOST_FLOORS:g} times entropy decoding": figures["floors"] <= MOST_FLOORS,
+        "as many strips found as usual": figures["ours"]["recall"] >= figures["usual"]["recall"],
+        f"two cameras in {MOST_SHARE:.0%} of a core": quality != 75
+        or figures["core_share"] <= MOST_SHARE,
+    }
+    return [f"quality {quality}: not {bound}" for bound, held in bounds.items() if not held]
+
+
+def show(figures: dict) -> None:
+    print(f"JPEG quality {figures['quality']}, {figures['kilobytes']:.0f} kB a picture")
+    for name, spent in figures["ms"].items():
+        print(f"  {name:32}{spent:8.2f} ms")
+    print(
+        f"  {figures['ratio']:.1f} times as fast as usual, {figures['floors']:.2f} times entropy"
+        f" decoding, two cameras at 30 Hz: {figures['core_share']:.0%} of a core"
+    )
+    print(f"  {'':12}{'found':>7}{'false':>7}{'median':>11}{'p95':>11}")
+    for name in ("ours", "usual"):
+        q = figures[name]
+        print(
+            f"  {name:12}{q['recall']:7.3f}{q['false_per_picture']:7.2f}"
+            f"{q['median_deg']:7.3f} deg{q['p95_deg']:7.3f} deg"
+        )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=7, help="the fastest of so many counts")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    rows = [measure(quality, arguments.rounds) for quality in LEAST_RATIO]
+    for row in rows:
+        show(row)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=2) + "\n")
+    failures = [failure for row in rows for failure in missed(row)]
+    for failure in failures:
+        print(failure)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
