@@ -27,7 +27,7 @@ _START_WIDTHS = np.geomspace(0.15, 1.2, 13)  # focal lengths tried first, in wid
 _SOFT_PX = 0.5  # the first fit trusts corners less from this error on
 _OUTLIER_SIGMAS, _OUTLIER_PX = 6.0, 2.0  # a corner beyond both was not where it was taken to be
 _RAYLEIGH_MEDIAN = 1.1774  # of the error's length, in standard deviations of one coordinate
-_MOST_STEPS, _STEP = 300, 1e-7
+_MOST_STEPS, _STEP = 100, 1e-7
 _WRONG_PX = 5.0  # no lens of this model explains the corners
 
 _T = TypeVar("_T", bound=np.generic)
@@ -97,6 +97,8 @@ def fit_lens(views: Sequence[BoardView], eye: Eye) -> LensFit:
     start = _start(corners, views, eye)
     rough = corners.solve(start, np.full(len(corners.seen), True), "soft_l1")
     miss = np.hypot(*corners.errors(rough).T)
+    if np.median(miss) > _WRONG_PX:
+        raise _not_a_lens(f"the best lens misses half of the corners by {np.median(miss):.0f} px")
     spread = float(np.median(miss)) / _RAYLEIGH_MEDIAN
     used = miss <= max(_OUTLIER_PX, _OUTLIER_SIGMAS * spread)
     fitted = corners.solve(rough, used, "linear")
