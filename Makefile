@@ -15,6 +15,10 @@
 SCENARIO ?= arena4
 BIN := .venv/bin
 
+# On so few cores, and with arrays so small, the linear algebra's threads only get in each other's way.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
 .PHONY: run flash test lint bench test-lowest clean
 
 run: .venv/ready-run
