@@ -1,6 +1,7 @@
-"""The simulated robot in real time: its lidar and board on pseudo-terminals, its camera a thread.
+"""The simulated robot in real time: its lidar and board on pseudo-terminals.
 
-The real drivers open the terminals as they would open serial ports.
+The real drivers open the terminals as they would open serial ports. Its cameras are two streams of
+pictures in named pipes or, where the scenario renders none, a thread that tells their bearings.
 """
 
 import contextlib
@@ -21,6 +22,8 @@ from host.drivers.x4_commands import RESET
 from host.errors import UserError
 from host.messages import Bearings, Health, Message, Truth
 from host.simulation.board import STAND_IN, BoardKind
+from host.simulation.live_cameras import LiveCameras
+from host.simulation.pictures import Surroundings
 from host.simulation.scenarios import Scenario
 from host.simulation.world import Simulation
 
@@ -101,7 +104,8 @@ class LiveSimulation:
     """A scenario that runs by the clock, with the devices of its robot plugged in and out.
 
     unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
-    messages and of `truth` are the host's, by `clock` (s). As a context manager it runs from
+    messages and of `truth` are the host's, by `clock` (s). config: the caller's, with the simulated
+    devices in place of the real ones. As a context manager it runs from
     entry to exit, where it raises UserError if the board's program crashed.
     """
 
@@ -138,11 +142,17 @@ class LiveSimulation:
             config, {name: port.path for name, (port, _) in self._ports.items()}
         )
         self.camera = LiveCamera(self)
+        self._pictures: LiveCameras | None = None
+        if scenario.rendered:
+            self._pictures = LiveCameras(folder, scenario, config.camera, self._surroundings, clock)
+            self.config = self.config.model_copy(update={"camera": self._pictures.camera})
 
     def __enter__(self) -> Self:
         self._start = self.clock()
         self._plug(0.0)
         self._pump.start()
+        if self._pictures is not None:
+            self._pictures.start(self._start)
         return self
 
     def __exit__(
@@ -153,6 +163,8 @@ class LiveSimulation:
     ) -> None:
         self._stop.set()
         self._pump.join()
+        if self._pictures is not None:
+            self._pictures.stop()
         for terminal, _ in self._ports.values():
             terminal.unplug()
         self._folder.cleanup()
@@ -175,6 +187,10 @@ class LiveSimulation:
             bearings = self._simulation.camera.bearings(time)
         measured = self._start + time
         return measured + scenario.camera_delay_s, replace(bearings, time=measured)
+
+    def _surroundings(self, time: float) -> Surroundings:
+        with self._lock:
+            return self._simulation.surroundings(time)
 
     def _run(self) -> None:
         try:

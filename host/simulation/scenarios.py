@@ -47,6 +47,8 @@ class Scenario:
     camera_half_range_m: float = _bounded(3.0, 0.1, 20.0)
     camera_steepness_per_m: float = _bounded(5.0, 0.1, 100.0)
     false_blobs: float = _bounded(0.13, 0.0, 20.0)  # expected in an image pair
+    # 1: pictures are rendered and searched; of the above, they have the rate and the delay only.
+    rendered: int = _bounded(0, 0, 1)
 
     wheel_slip: float = _bounded(0.01, 0.0, 0.5)  # std of a wheel's relative slip
     slip_seconds: float = _bounded(0.5, 0.02, 100.0)  # for which a slip lasts

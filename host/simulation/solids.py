@@ -26,6 +26,7 @@ _BLACK: Colour = (26.0, 25.0, 25.0)
 _WOOD: Colour = (150.0, 172.0, 184.0)
 _FACETS = 6  # around the visible half; twice as many where it is wide
 _WIDE_M = 0.04
+_STRAIGHT_RAD = 0.06
 _AMBIENT = 0.8  # of the light; the rest comes from one side
 
 
@@ -79,14 +80,20 @@ class Cylinder:
         angles = self.arc(axis, eye, np.linspace(-1.0, 1.0, count + 1))
         if not len(angles):
             return faces
-        top, bottom = (self.rim(axis, angles, height) for height in (self.top_m, self.bottom_m))
-        corners = np.stack((top[:-1], top[1:], bottom[1:], bottom[:-1]), axis=1)
+        heights = np.linspace(self.top_m, self.bottom_m, 1 + self._pieces(axis, eye))
+        rims = np.stack([self.rim(axis, angles, height) for height in heights], axis=1)
+        corners = np.concatenate((rims[:-1], rims[1:, ::-1]), axis=1)
         toward = np.cos(0.5 * (angles[:-1] + angles[1:]) - light_rad)
         shades = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(toward, 0.0)
         return faces + [
             Face(facet, _lit(self.colour, float(shade)))
             for facet, shade in zip(corners, shades, strict=True)
         ]
+
+    def _pieces(self, axis: FloatArray, eye: FloatArray) -> int:
+        """How many straight pieces an upright line needs where a fisheye bends it."""
+        distance = math.hypot(*(eye[:2] - axis))
+        return min(1 + int((self.top_m - self.bottom_m) / distance / _STRAIGHT_RAD), 20)
 
     def between(self, axis: FloatArray, eye: FloatArray, points: FloatArray) -> BoolArray:
         """Which `points` (k, 3) the cylinder hides from `eye` (3,)."""

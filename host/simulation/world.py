@@ -1,5 +1,6 @@
 """The simulated robot, offline: every message it would give, in order of arrival, at full speed."""
 
+import functools
 import math
 from collections.abc import Iterator
 
@@ -10,9 +11,11 @@ from host.drivers.romeo_session import Session
 from host.drivers.x4_commands import SCAN
 from host.drivers.x4_protocol import Decoder
 from host.geometry import to_frame
-from host.messages import Message, Truth
-from host.simulation.arena import Arena
+from host.messages import Bearings, Message, Truth
+from host.simulation.arena import STEP_S, Arena
 from host.simulation.board import STAND_IN, BoardKind
+from host.simulation.camera_search import SearchedCamera
+from host.simulation.pictures import Surroundings
 from host.simulation.scenarios import Scenario
 from host.simulation.sensors import Camera, Encoders, Lidar
 from host.simulation.x4_device import X4Emulator
@@ -43,6 +46,7 @@ class Simulation:
         self.camera = Camera(self._arena, OBSERVER, scenario, config.camera)
         self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
         self.board = board.make(self._encoders.ticks)
+        self._config = config
         self._decoder = Decoder()
         self._session = Session(config)
         self._talked = 0.0
@@ -53,6 +57,19 @@ class Simulation:
         """Where the teammates truly are at `time` (s), in the observer's frame."""
         (poses,) = self._arena.poses(np.array([time]))
         return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+
+    def surroundings(self, time: float) -> Surroundings:
+        """What is around the observer at `time` (s), for its cameras."""
+        half = 0.5 * STEP_S
+        before, poses, after = self._arena.poses(np.array([time - half, time, time + half]))
+        own = poses[OBSERVER]
+        return Surroundings(
+            to_frame(poses[self._others, :2], own),
+            to_frame(self._arena.posts, own),
+            own,
+            self._arena.half_side_m,
+            float(after[OBSERVER, 2] - before[OBSERVER, 2]) / STEP_S,
+        )
 
     def forget(self, before: float) -> None:
         """Forget how robots moved before `before` (s); no device may have to tell of it yet."""
@@ -95,8 +112,25 @@ class Simulation:
     def _bearings(self, now: float) -> Iterator[Arrival]:
         delay = self.scenario.camera_delay_s
         while (time := self._frames / self.scenario.camera_hz) + delay <= now:
+            for bearings in self._seen(time):
+                yield time + delay, bearings
             self._frames += 1
-            yield time + delay, self.camera.bearings(time)
+
+    def _seen(self, time: float) -> list[Bearings]:
+        """What the image pair taken at `time` (s) shows, as one or, where rendered, as two."""
+        if not self.scenario.rendered:
+            return [self.camera.bearings(time)]
+        scene = self.surroundings(time)
+        found = [
+            camera.bearings(scene, self._others, time, self._frames) for camera in self._searched
+        ]
+        return [bearings for bearings in found if bearings is not None]
+
+    @functools.cached_property
+    def _searched(self) -> tuple[SearchedCamera, SearchedCamera]:
+        camera = self._config.camera
+        seed = self.scenario.seed
+        return SearchedCamera(camera, camera.front, seed), SearchedCamera(camera, camera.rear, seed)
 
     def _truths_until(self, now: float) -> Iterator[Arrival]:
         while (time := self._truths / TRUTH_HZ) <= now:
