@@ -75,25 +75,14 @@ class Capture:
 
 
 class UsbCamera:
-    """One camera, opened. eye: source, size and rate wanted. controls: outlive replugging.
-
-    capture: how a path is opened. why: what keeps it from giving pictures of a width and height.
-    """
+    """One camera, opened. eye: source, size and rate wanted. controls: outlive replugging."""
 
     live = True
 
-    def __init__(
-        self,
-        eye: Eye,
-        controls: Controls,
-        clock: Callable[[], float],
-        capture: Callable[[str], Capture] = Capture,
-        why: Callable[[str, int, int], UserError] = why_no_pictures,
-    ) -> None:
+    def __init__(self, eye: Eye, controls: Controls, clock: Callable[[], float]) -> None:
         """Raises UserError where the camera cannot be used as `eye` wants it."""
         self._eye = eye
         self._clock = clock
-        self._why = why
         self._controls = controls
         self._remarks: list[str] = []
         self._locked = False
@@ -101,7 +90,7 @@ class UsbCamera:
         self._superseded = self._bad_stamps = 0
         self._stamp = 0.0
         self._stamps_true = True
-        self._capture = capture(eye.source)
+        self._capture = Capture(eye.source)
         self._opened_at = clock()
         self._set_up()
 
@@ -128,7 +117,7 @@ class UsbCamera:
     def _fail(self) -> UserError:
         """Close the camera and find out what is wrong with it."""
         self._capture.close()
-        return self._why(self._eye.source, self._eye.width_px, self._eye.height_px)
+        return why_no_pictures(self._eye.source, self._eye.width_px, self._eye.height_px)
 
     @property
     def counts(self) -> dict[str, int]:
