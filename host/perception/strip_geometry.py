@@ -53,7 +53,7 @@ class StripGeometry:
         shown = inside[:, distances >= 0.5 * camera.half_range_m].all(axis=1)
         seen = np.flatnonzero(shown)
         if not len(seen):
-            return SCALE, (eye.heading_rad, 0.0)
+            return 2 * SCALE, (eye.heading_rad, 0.0)
         # Corners of the picture see near strips farther aside than others; that is the other
         # camera's part.
         lowest = np.max(pixels[seen, :, 1], where=inside[seen], initial=0.0)
