@@ -75,8 +75,7 @@ def learn(pixels: Image, strip: Strip) -> Strip:
     The range is that of the pixels of the commonest hue, with margins for other light. Raises
     UserError where too few of them have a colour.
     """
-    hue, saturation, value = _hsv(pixels[None])
-    hue, saturation, value = hue[0], saturation[0], value[0]
+    hue, saturation, value = _hsv(pixels)
     kept = (saturation >= _COLOURED) & (value >= _BRIGHT)
     if kept.any():
         kept &= np.abs(_turn(hue - _commonest(hue[kept], saturation[kept]))) <= _NEAR_HUE_DEG
@@ -104,8 +103,12 @@ def learn(pixels: Image, strip: Strip) -> Strip:
 
 
 def _hsv(picture: Image) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hue (deg), saturation and value (0 to 1) of a picture (h, w, 3)."""
-    hsv = np.asarray(cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_BGR2HSV), float)
+    """Hue (deg), saturation and value (0 to 1) of pixels (..., 3), which may be none."""
+    if not picture.size:
+        none = np.zeros(picture.shape[:-1])
+        return none, none, none
+    rows = picture.reshape(-1, 1, 3).astype(np.float32) / 255.0
+    hsv = np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2HSV), float).reshape(picture.shape)
     return hsv[..., 0], hsv[..., 1], hsv[..., 2]
 
 
