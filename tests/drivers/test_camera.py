@@ -643,3 +643,14 @@ def test_opencvs_own_door_fails_quietly(capfd: pytest.CaptureFixture[str], tmp_p
         assert not capture.set(cv2.CAP_PROP_EXPOSURE, 1.0)
         capture.close()
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_words_of_the_docs_are_those_of_the_drivers() -> None:
+    root = Path(__file__).resolve().parents[2]
+    drivers = root / "host" / "drivers"
+    said = "".join(path.read_text(encoding="utf-8") for path in drivers.glob("*.py"))
+    page = (root / "docs" / "cameras.md").read_text(encoding="utf-8")
+    table = page.partition("| Health says |")[2].splitlines()[2:]
+    words = [row.split("`")[1] for row in table if row.startswith("| `")]
+    assert len(words) > 15
+    assert [phrase for phrase in words if phrase not in said] == []
