@@ -12,10 +12,10 @@ from host.perception.lens import View
 from host.simulation.painting import Image
 from host.simulation.raycast import Beams, meet_walls
 
-COARSE = 4  # px of the picture a side of one that is computed: nothing here is sharp
+COARSE = 5  # px of the picture a side of one that is computed: nothing here is sharp
 Single = NDArray[np.float32]
 
-_BEARINGS = 8192
+_BEARINGS = 4096
 _WALL_TOP_M = 2.5
 _POSTERS = (  # none of them red
     (120.0, 90.0, 50.0),

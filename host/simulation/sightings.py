@@ -60,7 +60,7 @@ def near_side(coat: Cylinder, place: FloatArray, eye: FloatArray) -> FloatArray:
     angles = coat.arc(place, eye, np.arcsin(across) / (0.5 * np.pi))
     up = (np.arange(_UP) + 0.5) / _UP
     heights = coat.bottom_m + up * (coat.top_m - coat.bottom_m)
-    return np.concatenate([coat.rim(place, angles, height) for height in heights])
+    return coat.rims(place, angles, heights).reshape(-1, 3)
 
 
 def inside_picture(view: View, points: FloatArray) -> BoolArray:

@@ -61,11 +61,13 @@ class Cylinder:
         half = math.acos(self.radius_m / distance)
         return np.asarray(math.atan2(y, x) + half * places)
 
-    def rim(self, axis: FloatArray, angles: FloatArray, height_m: float) -> FloatArray:
-        """Points (k, 3) on the coat at `angles` (k,) rad about the axis and one height."""
-        x = axis[0] + self.radius_m * np.cos(angles)
-        y = axis[1] + self.radius_m * np.sin(angles)
-        return np.stack((x, y, np.full(len(angles), height_m)), axis=1)
+    def rims(self, axis: FloatArray, angles: FloatArray, heights: FloatArray) -> FloatArray:
+        """Points (k, m, 3) on the coat at `angles` (k,) rad about the axis and heights (m,) m."""
+        points = np.empty((len(angles), len(heights), 3))
+        points[..., 0] = (axis[0] + self.radius_m * np.cos(angles))[:, None]
+        points[..., 1] = (axis[1] + self.radius_m * np.sin(angles))[:, None]
+        points[..., 2] = heights
+        return points
 
     def faces(self, axis: FloatArray, eye: FloatArray, light_rad: float) -> list[Face]:
         """Return what `eye` sees of the cylinder: its lid from above, and facets of its coat.
@@ -76,12 +78,12 @@ class Cylinder:
         count = 2 * _FACETS if self.radius_m > _WIDE_M else _FACETS
         if eye[2] > self.top_m:
             around = np.linspace(0.0, 2.0 * math.pi, 4 * count, endpoint=False)
-            faces.append(Face(self.rim(axis, around, self.top_m), self.lid))
+            faces.append(Face(self.rims(axis, around, np.array([self.top_m]))[:, 0], self.lid))
         angles = self.arc(axis, eye, np.linspace(-1.0, 1.0, count + 1))
         if not len(angles):
             return faces
         heights = np.linspace(self.top_m, self.bottom_m, 1 + self._pieces(axis, eye))
-        rims = np.stack([self.rim(axis, angles, height) for height in heights], axis=1)
+        rims = self.rims(axis, angles, heights)
         corners = np.concatenate((rims[:-1], rims[1:, ::-1]), axis=1)
         toward = np.cos(0.5 * (angles[:-1] + angles[1:]) - light_rad)
         shades = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(toward, 0.0)
