@@ -143,7 +143,7 @@ class Camera(Section):
     """The cameras, as sensors of bearings, and what they look for."""
 
     delay_s: float = Field(0.15, ge=0.0, le=2.0)
-    bearing_noise_rad: float = Field(0.0873, gt=0.0, lt=1.0)
+    bearing_noise_rad: float = Field(0.02, gt=0.0, lt=1.0)
     max_range_m: float = Field(6.0, gt=0.1, le=12.0)
     detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)

@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = {
     "cli": 5,
     "pipeline": 4,
+    "cameras": 4,
     "localizer": 3,
     "calibration": 3,
     "evaluation": 3,

@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from host.cameras import cameras
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
 from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
@@ -158,14 +159,15 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
 
 
 def _real(robot: RobotConfig, sensors: str | None) -> Rig:
-    if sensors == LIDAR_AND_CAMERA:
+    eyes = {} if sensors == LIDAR_ONLY else cameras(robot.camera)
+    if sensors == LIDAR_AND_CAMERA and not eyes:
         raise UserError(
-            "the cameras cannot be used yet",
-            "this version drives the lidar and the board; cameras exist in simulation only",
-            "use --sensors lidar, or --simulate arena4",
+            "there is no camera to use",
+            'source is "none" in [camera.front] and [camera.rear] of robot.toml',
+            "name their sources there (docs/cameras.md), or use --sensors lidar",
         )
-    title = f"robot {robot.name} (its cameras are not read yet)"
-    return Rig(title, robot, LIDAR_ONLY, _drivers(robot))
+    sources = {**_drivers(robot), **eyes}
+    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if eyes else LIDAR_ONLY, sources)
 
 
 def _drivers(robot: RobotConfig) -> dict[str, Source]:
@@ -180,11 +182,12 @@ def _simulated(
     sensors: str,
 ) -> Rig:
     board = best_board(robot.motors)
-    live = stack.enter_context(LiveSimulation(scenarios.parse(scenario), robot, unplug, board))
+    parsed = scenarios.parse(scenario)
+    live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
     config = live.config
     sources = _drivers(config)
     if sensors == LIDAR_AND_CAMERA:
-        sources["camera"] = live.camera
+        sources |= cameras(config.camera) if parsed.rendered else {"camera": live.camera}
     title = f"{scenario} (simulated; board: {board.name})"
     return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
 

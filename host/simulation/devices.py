@@ -51,19 +51,20 @@ class Terminal:
         """Make a new port under the path, as a USB adapter does that was plugged in."""
         if self._master is not None:
             return
-        self._master, slave = os.openpty()
+        master, slave = os.openpty()
         tty.setraw(slave)
-        os.set_blocking(self._master, False)
+        os.set_blocking(master, False)
         self.path.symlink_to(os.ttyname(slave))
         os.close(slave)
+        self._master = master  # last: whoever sees it plugged finds its path
 
     def unplug(self) -> None:
         """Take the port away: who has it open gets an input/output error."""
         if self._master is None:
             return
+        master, self._master = self._master, None
         self.path.unlink()
-        os.close(self._master)
-        self._master = None
+        os.close(master)
 
     @property
     def listening(self) -> bool:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from host.config import Camera as CameraConfig
 from host.config import Lidar as LidarConfig
 from host.config import Wheels
 from host.geometry import to_frame, wrap
@@ -158,20 +157,19 @@ def _dark_cells(scenario: Scenario) -> BoolArray:
 class Camera:
     """The two fisheye cameras of one robot, as one sensor of bearings all around."""
 
-    def __init__(
-        self, arena: Arena, observer: int, scenario: Scenario, config: CameraConfig
-    ) -> None:
+    def __init__(self, arena: Arena, observer: int, scenario: Scenario) -> None:
         self._arena = arena
         self._observer = observer
         self._others = np.delete(np.arange(arena.count), observer)
         self._scenario = scenario
-        self._variance = config.bearing_noise_rad**2
+        # No filter is told that a bearing is exact.
+        self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
         self._random = scenario.generator("camera")
 
     def bearings(self, time: float) -> Bearings:
         """Return what an image pair taken at `time` (s) shows; call once a frame, in order.
 
-        The variances are those that the robot believes in. False blobs have identity -1.
+        The variances are those of the scenario's noise. False blobs have identity -1.
         """
         scenario = self._scenario
         (poses,) = self._arena.poses(np.array([time]))

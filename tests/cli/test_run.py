@@ -152,7 +152,7 @@ def test_it_ends_after_the_seconds_that_the_scenario_sets(tmp_path: Path):
 def test_cameras_of_a_real_robot_are_refused_in_words():
     done = invoke("--sensors", "lidar+camera")
     assert done.exit_code == 1
-    assert "cameras cannot be used yet" in done.stderr
+    assert "there is no camera to use" in done.stderr
 
 
 def test_bad_use_is_told_with_exit_code_2():

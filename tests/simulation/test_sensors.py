@@ -265,7 +265,7 @@ CAMERA_TRIALS = 3000
 
 
 def frames(scenario: Scenario, robots: list[tuple[float, float, float]]) -> list:
-    camera = Camera(StillArena(robots, 20.0), 0, scenario, CONFIG.camera)  # type: ignore[arg-type]
+    camera = Camera(StillArena(robots, 20.0), 0, scenario)  # type: ignore[arg-type]
     return [camera.bearings(0.1 * k) for k in range(CAMERA_TRIALS)]
 
 
@@ -293,7 +293,7 @@ def test_bearing_noise_wraps_and_false_blobs_lie_all_around() -> None:
     assert low <= len(false) <= high
     assert stats.kstest(false, "uniform", args=(-math.pi, 2 * math.pi)).pvalue > 1e-3
     assert all(len(f.variances) == len(f.bearings) == len(f.identities) for f in taken)
-    assert taken[0].variances == pytest.approx(CONFIG.camera.bearing_noise_rad**2)
+    assert taken[0].variances == pytest.approx(math.radians(5.0) ** 2)
     assert taken[7].time == pytest.approx(0.7)
 
 
