@@ -43,7 +43,7 @@ class Simulation:
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
         lidar = Lidar(self._arena, OBSERVER, scenario, config.lidar)
         self._encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
-        self.camera = Camera(self._arena, OBSERVER, scenario, config.camera)
+        self.camera = Camera(self._arena, OBSERVER, scenario)
         self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
         self.board = board.make(self._encoders.ticks)
         self._config = config
