@@ -119,7 +119,7 @@ class Eye(Section):
     centre_y_px: float = Field(539.5, gt=-10_000.0, lt=10_000.0)
     k1: float = Field(0.0, gt=-1.0, lt=1.0)
     k2: float = Field(0.0, gt=-1.0, lt=1.0)
-    x_m: float = Field(0.05, gt=-1.0, lt=1.0)
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     z_m: float = Field(0.25, gt=0.0, lt=2.0)  # of the lens above the floor
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
@@ -150,7 +150,7 @@ class Camera(Section):
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
     clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs an image pair
     front: Eye = Eye()
-    rear: Eye = Eye(x_m=-0.05, heading_rad=math.pi)
+    rear: Eye = Eye(heading_rad=math.pi)
     strip: Strip = Strip()
 
 

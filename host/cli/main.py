@@ -4,6 +4,7 @@ from typing import Any
 
 import click
 
+from host.cli.calibrate import calibrate
 from host.cli.evaluate import evaluate
 from host.cli.flash import flash
 from host.cli.replay import replay
@@ -55,5 +56,5 @@ def main(debug: bool) -> None:
     """
 
 
-for command in (run, simulate, replay, evaluate, flash):
+for command in (run, simulate, replay, evaluate, flash, calibrate):
     main.add_command(command)

@@ -11,7 +11,9 @@ from host.messages import Bearings, Message
 from host.simulation.scenarios import parse
 from host.simulation.world import Simulation
 
-SMALL = Eye(width_px=960, height_px=540, focal_px=305.6, centre_x_px=479.5, centre_y_px=269.5)
+SMALL = Eye(
+    width_px=960, height_px=540, focal_px=305.6, centre_x_px=479.5, centre_y_px=269.5, x_m=0.05
+)
 ROBOT = RobotConfig(
     camera=Camera(front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": math.pi}))
 )

@@ -18,7 +18,9 @@ CAMERA = Camera()
 PLAIN = Look(noise=0.0, light_spread=0.0, floor_patches=0, wall_patches=0)
 NOBODY = np.zeros((0, 2))
 # A third of the size is painted and searched nine times faster.
-SMALL = Eye(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
+SMALL = Eye(
+    width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5, x_m=0.05
+)
 ODD = SMALL.model_copy(
     update={"heading_rad": 2.0, "tilt_rad": 0.6, "roll_rad": 0.3, "k1": -0.02, "x_m": -0.03}
 )
