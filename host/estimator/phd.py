@@ -37,6 +37,7 @@ _STATE = 2 * ROWS + 4
 _FADE_S = 1.0  # mean survival beyond the survival range
 _DOUBTED = 0.15  # below this share a reported teammate is one no longer
 _WEIGHTLESS = 1e-12  # keeps the moments of a ruled-out kind finite
+_NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 _BELIEVED = 0.5  # from this weight on a component can hide another
 _STANDING = 0.5  # share of the time in which a teammate does not move
 # Successive pictures show the same scene: what they say of a kind counts as so much of independent
@@ -159,7 +160,8 @@ class PhdFilter:
         support = detected[i] * pairs.likelihood
         mass = support * prior[WEIGHT, i]
         # Blobs beyond what is expected come from teammates that the lidar has not shown yet.
-        unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / (2.0 * measured.view[1])
+        width = 2.0 * max(measured.view[1], _NARROWEST_RAD)
+        unknown = max(0.0, m - float(detected @ prior[WEIGHT])) / width
         others = np.bincount(j, mass, m)[j] - mass + self._camera.clutter + unknown
         family = np.concatenate((prior, pairs.updated), axis=1)
         family[WEIGHT, :n] *= 1.0 - detected

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host.config import BlindSector, Filter, Lidar
-from host.messages import Displacement
+from host.messages import Bearings, Displacement
 from tests.estimator.standing_robot import MOST, RATE_HZ, Run, heard, seen
 
 # What these tests rely on, whatever the defaults are tuned to.
@@ -297,6 +297,14 @@ def test_empty_messages_are_taken_before_and_after_the_first_teammate():
     run.image([])
     run.look([1.0, 0.0])
     assert len(run.scan([], clearance=ring(1.0)).positions) == 1
+
+
+def test_a_camera_that_shows_no_bearing_at_all_tells_nothing():
+    run = tracking([1.0, 0.0])
+    before = run.estimate()
+    run.filter.update(Bearings(run.time, np.zeros(0), np.zeros(0), view=(0.3, 0.0)))
+    np.testing.assert_allclose(run.estimate().weights, before.weights)
+    np.testing.assert_allclose(run.estimate().positions, before.positions)
 
 
 def test_readings_from_very_far_or_on_the_robot_itself_do_no_harm():
