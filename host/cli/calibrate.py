@@ -13,7 +13,7 @@ from host.calibration.strip_colour import Box
 from host.cli.options import json_option, robot, robot_option, write_json
 from host.config import Camera, Eye, Strip
 from host.errors import UserError
-from host.perception.jpeg_decoder import Image, OpenCvDecoder, UnusableError, read_header
+from host.perception.jpeg_decoder import Image, UnusableError, fastest_decoder, read_header
 from host.perception.red_strip import Blob, StripFinder
 from host.perception.strip_geometry import StripGeometry
 
@@ -128,7 +128,7 @@ def _strip_pixels(
 ) -> Image:
     """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""
     geometry = StripGeometry(camera, eye)
-    decoder = OpenCvDecoder()
+    decoder = fastest_decoder()  # as the search has it, whose idea of a whole picture counts
     chosen = []
     for k, (image, jpeg) in enumerate(zip(images, jpegs, strict=True)):
         try:

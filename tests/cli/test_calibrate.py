@@ -13,6 +13,7 @@ from host import config
 from host.cli.calibrate import calibrate
 from host.cli.main import Commands
 from host.config import Camera
+from host.perception.jpeg_decoder import TurboDecoder
 from tests.perception.drawn_strips import background, draw_strip, encode, place
 
 FRONT = Camera().front
@@ -60,6 +61,20 @@ def test_a_box_is_taken_for_each_picture(picture: Path, tmp_path: Path) -> None:
     result = run(picture, picture, "--box", "700,60,200,120", "--output", output)
     assert result.exit_code == 2
     assert "one each, or none" in result.output
+
+
+def test_a_gap_in_a_picture_that_only_the_search_would_notice_is_told_in_words(
+    picture: Path, tmp_path: Path
+) -> None:
+    try:
+        TurboDecoder()
+    except OSError:
+        pytest.skip("libturbojpeg is not installed")
+    whole = picture.read_bytes()
+    gap = tmp_path / "gap.jpg"
+    gap.write_bytes(whole[: len(whole) // 4] + b"\xff\xd9")
+    result = run(gap, "--output", tmp_path / "seen.png")
+    assert (result.exit_code, "it is torn" in result.output) == (1, True), result.exception
 
 
 def test_pictures_that_cannot_be_used_are_told_in_words(picture: Path, tmp_path: Path) -> None:
