@@ -51,7 +51,6 @@ class Controls:
 
     def lock(self, camera: Adjustable) -> list[str]:
         """Switch the automatics off, set the values, read them back. What is not held, in words."""
-        self._before = {}
         remarks = (self._hold(camera, control) for control in _CONTROLS)
         return [remark for remark in remarks if remark]
 
@@ -63,7 +62,7 @@ class Controls:
         if control.automatic is not None:
             before = camera.get(control.automatic)
             if before not in (-1.0, control.manual):
-                self._before[control.automatic] = before
+                self._before.setdefault(control.automatic, before)
                 camera.set(control.automatic, control.manual)
                 if camera.get(control.automatic) != control.manual:
                     return f"{control.name} not held: the camera keeps it automatic"
@@ -74,7 +73,12 @@ class Controls:
         return "" if accepted else f"{control.name} not held: the camera refuses the setting"
 
     def release(self, camera: Adjustable) -> None:
-        """Leave the automatics as they were found."""
-        for control, before in self._before.items():
-            camera.set(control, before)
-        self._before = {}
+        """Leave the automatics as they were found; what is refused now is tried the next time.
+
+        A camera that hung and was opened anew has them off already.
+        """
+        self._before = {
+            control: before
+            for control, before in self._before.items()
+            if not camera.set(control, before)
+        }

@@ -447,6 +447,21 @@ def test_its_controls_are_held_while_it_runs_and_let_go_at_the_end(
     assert usb.controls == before
 
 
+def test_automatics_are_given_back_after_a_camera_hung_and_was_opened_anew(
+    bench: Bench, usb: FakeCamera
+) -> None:
+    before = dict(usb.controls)
+    bench.run(usb.path)
+    bench.wait_reason("held", ok=True)
+    usb.ioctl_errors = {v4l2_device.STREAMON: errno.EIO}
+    bench.wait_reason("does not answer on its USB cable")
+    usb.ioctl_errors = {}
+    bench.wait(lambda: usb.opened == 2 and bench.health()[-1].ok)
+    assert usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] == 1.0
+    bench.close()
+    assert usb.controls == before
+
+
 def test_controls_that_a_user_had_set_are_left_alone(bench: Bench, usb: FakeCamera) -> None:
     usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] = 1.0
     usb.controls[cv2.CAP_PROP_EXPOSURE] = 30.0
