@@ -106,7 +106,7 @@ def check_whole(jpeg: bytes, header: Header) -> bytes:
     the data of a picture without restart markers cannot be told by this.
     """
     jpeg = jpeg.rstrip(b"\0") if jpeg.endswith(b"\0") else jpeg
-    if not jpeg.endswith(bytes((0xFF, _END))):
+    if not jpeg.endswith(bytes((0xFF, _END))) or len(jpeg) <= header.scan:
         raise UnusableError("torn")
     if not header.plain:
         return jpeg

@@ -205,6 +205,8 @@ class StripFinder:
         share[share < _EDGE] = 0.0
         solid = self.geometry.solid_angle[box] * share
         total = float(solid.sum())
+        if total == 0.0:
+            return _colourless(patch)
         azimuth = float((solid * self.geometry.azimuth[box]).sum()) / total
         elevation = float((solid * self.geometry.elevation[box]).sum()) / total
         pixels = float(share.sum())
@@ -244,6 +246,13 @@ class StripFinder:
             "too_tall": patch.tall > _TOO_TALL / self._proportion * patch.wide + pixel,
         }
         return next((reason for reason, applies in reasons.items() if applies), "")
+
+
+def _colourless(patch: _Patch) -> Blob:
+    """A blob of grey pixels, which a range down to no saturation lets in."""
+    width, height = SCALE * (patch.right - patch.left), SCALE * (patch.bottom - patch.top)
+    x, y = SCALE * patch.left + 0.5 * (width - 1), SCALE * patch.top + 0.5 * (height - 1)
+    return Blob(x, y, float(width), float(height), 0.0, False, "colourless")
 
 
 def _middle(sums: FloatArray, first: int, total: float) -> float:

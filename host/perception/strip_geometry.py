@@ -17,7 +17,7 @@ from host.perception.lens import View
 REACH_M = 0.2  # no teammate's strip comes nearer to a lens
 BODY_M = 0.2  # nothing on the floor so near to the robot's middle is but its own body
 _LEVEL_RAD = 0.05  # a robot pitches and rolls so much as it drives
-_BEARINGS, _RANGES = 721, 25
+_BEARINGS, _RANGES = 720, 25
 
 
 class StripGeometry:
@@ -43,24 +43,28 @@ class StripGeometry:
     def _survey(self, distances: FloatArray) -> tuple[int, tuple[float, float]]:
         """Rows in which strips can be, and the bearings that the picture shows."""
         camera, eye = self._camera, self._eye
-        offsets = np.linspace(-math.pi, math.pi, _BEARINGS)
+        offsets = np.linspace(-math.pi, math.pi, _BEARINGS, endpoint=False)
         bearing, distance = np.meshgrid(offsets + eye.heading_rad, distances, indexing="ij")
         x = eye.x_m + distance * np.cos(bearing)
         y = eye.y_m + distance * np.sin(bearing)
         points = np.stack((x, y, np.full_like(x, camera.strip.height_m)), axis=-1)
         pixels = self._view.pixels_of(points.reshape(-1, 3)).reshape((*points.shape[:2], 2))
         inside = self._in_picture(pixels)
-        shown = inside[:, distances >= 0.5 * camera.half_range_m].all(axis=1)
+        far = distances >= min(0.5 * camera.half_range_m, 0.9 * camera.max_range_m)
+        shown = np.asarray(inside[:, far].all(axis=1))
         seen = np.flatnonzero(shown)
         if not len(seen):
             return 2 * SCALE, (eye.heading_rad, 0.0)
         # Corners of the picture see near strips farther aside than others; that is the other
         # camera's part.
         lowest = np.max(pixels[seen, :, 1], where=inside[seen], initial=0.0)
-        left, right = offsets[seen[-1]], offsets[seen[0]]
-        centre = float(wrap(eye.heading_rad + 0.5 * (left + right)))
         rows = min(math.ceil(lowest) + 1, eye.height_px)
-        return rows, (centre, float(0.5 * (left - right)))
+        if shown.all():
+            return rows, (eye.heading_rad, math.pi)
+        first, last = _longest_run(shown)
+        step = math.tau / _BEARINGS
+        centre = float(wrap(eye.heading_rad - math.pi + 0.5 * (first + last) * step))
+        return rows, (centre, 0.5 * (last - first) * step)
 
     def _in_picture(self, pixels: FloatArray) -> BoolArray:
         x, y = pixels[..., 0], pixels[..., 1]
@@ -98,6 +102,18 @@ class StripGeometry:
     def bearing(self, azimuth: float) -> float:
         """Bearing (rad, in [-pi, pi)) in the robot frame (Perera 2021 eq. 37, repaired)."""
         return float(wrap(azimuth + self._eye.heading_rad))
+
+
+def _longest_run(shown: BoolArray) -> tuple[int, int]:
+    """First and last place of the longest run around a circle, of which some but not all is True.
+
+    A camera that is tilted far down shows the horizon on both sides but not ahead; what lies
+    between must not pass for shown. The last place may lie beyond the array's end.
+    """
+    start = int(np.argmin(shown))  # no run goes over it
+    ends = np.flatnonzero(np.diff(np.roll(shown, -start).astype(np.int8), append=0)).reshape(-1, 2)
+    before, last = ends[np.argmax(ends[:, 1] - ends[:, 0])] + start
+    return int(before) + 1, int(last)
 
 
 def full_size(index: FloatArray) -> FloatArray:

@@ -125,6 +125,15 @@ def test_pictures_with_restart_markers_miss_a_part_cut_out(decoder: Decoder) -> 
     assert check_whole(jpeg, plain) == jpeg
 
 
+def test_an_end_within_the_last_header_is_torn(decoder: Decoder) -> None:
+    head = encode(scene())
+    head = head[: head.rindex(b"\xff\xda")]
+    for zeros in (0, 4):
+        body = bytes((3, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xD9)) + bytes(zeros)
+        jpeg = head + b"\xff\xda" + struct.pack(">H", len(body) + 2) + body
+        assert reason(decoder, jpeg) == "torn"
+
+
 def test_the_start_of_the_next_picture_inside_is_torn(decoder: Decoder) -> None:
     jpeg = encode(scene())
     assert reason(decoder, jpeg[: len(jpeg) * 3 // 4] + jpeg) == "torn"

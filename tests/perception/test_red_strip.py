@@ -1,5 +1,6 @@
 """Strips in pictures: bearings against the truth, what is dropped and why, and torn pictures."""
 
+import itertools
 import math
 import random
 
@@ -166,6 +167,25 @@ def test_view_is_what_the_picture_shows_of_the_horizon() -> None:
     assert (centre, half) == pytest.approx((0.7, 640 / 611.15), abs=0.02)
 
 
+@pytest.mark.parametrize("heading", [0.0, 3.1])
+def test_what_a_steep_camera_shows_on_both_sides_but_not_ahead_is_not_in_view(
+    heading: float,
+) -> None:
+    eye = Eye(tilt_rad=0.95, heading_rad=heading)
+    centre, half = StripFinder(CAMERA, eye).geometry.view
+    assert half > 0.5
+    offsets = np.linspace(-math.pi, math.pi, 181)
+    for offset in offsets[np.abs(offsets) < half]:
+        x, y = pixel_of(np.append(place(eye, centre + offset, 2.0), 0.22), eye)
+        assert -0.5 <= x <= eye.width_px - 0.5
+        assert -0.5 <= y <= eye.height_px - 0.5
+
+
+def test_a_short_reach_does_not_widen_the_view() -> None:
+    centre, half = StripFinder(Camera(max_range_m=1.0), FRONT).geometry.view
+    assert (centre, half) == pytest.approx((0.0, math.pi / 2), abs=0.06)
+
+
 def test_a_camera_that_looks_away_from_the_horizon_finds_nothing() -> None:
     search = StripFinder(CAMERA, Eye(tilt_rad=1.57, focal_px=1200.0))
     bearings = search.find(encode(background(FRONT, 9)), 0.0)
@@ -233,6 +253,21 @@ def test_a_picture_all_in_the_strips_colour_is_survived(finder: StripFinder) -> 
     assert finder.find(encode(speckled), 0.0) is not None
 
 
+@pytest.mark.parametrize("grey", [0, 128])
+def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
+    everything = Strip(hue_width_deg=180.0, saturation_min=0.0, value_min=0.0)
+    search = StripFinder(Camera(strip=everything), small_eye())
+    picture = np.full((small_eye().height_px, small_eye().width_px, 3), grey, np.uint8)
+    assert drop_reasons(search, picture) == ["colourless"]
+
+
+def mirrored_and_coded_anew(jpeg: bytes) -> list[bytes]:
+    """Four pictures of one, for rendering takes most of the time."""
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    other = np.ascontiguousarray(picture[:, ::-1])
+    return [jpeg, encode(picture, 92), encode(other, 60), encode(other, 85)]
+
+
 @pytest.mark.slow
 def test_both_decoders_find_the_same_blobs_in_500_pictures() -> None:
     try:
@@ -240,12 +275,14 @@ def test_both_decoders_find_the_same_blobs_in_500_pictures() -> None:
     except OSError:
         pytest.skip("libturbojpeg is not installed")
     plain = StripFinder(CAMERA, FRONT, OpenCvDecoder())
-    for jpeg, _ in frames(500, 11):
+    rendered = (jpeg for jpeg, _ in frames(125, 11))
+    for jpeg in itertools.chain.from_iterable(map(mirrored_and_coded_anew, rendered)):
         pairs = list(zip(fast.blobs(jpeg), plain.blobs(jpeg), strict=True))
         for ours, other in pairs:
             assert (ours.kept, ours.reason) == (other.kept, other.reason)
             assert math.hypot(ours.x - other.x, ours.y - other.y) < 1.5
     assert fast.counts == plain.counts
+    assert fast.counts["pictures"] == 500
     assert fast.counts["strips"] > 500
 
 
