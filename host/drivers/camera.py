@@ -112,7 +112,7 @@ class CameraDriver:
             return False, (
                 "its pictures are {}x{}, ".format(*self._wrong)
                 + f"but robot.toml says {eye.width_px}x{eye.height_px}\n"
-                "set width_px and height_px to what comes, and calibrate the lens at that size"
+                "set width_px and height_px to what comes, and the lens for that size"
             )
         if not pictures:
             return False, str(source.why_silent())

@@ -152,7 +152,7 @@ def wrong_size(
         f"{path} gives pictures of {width}x{height}",
         f"robot.toml says {wanted_width}x{wanted_height}",
         f"v4l2-ctl -d {path} --list-formats-ext shows its sizes; set width_px and height_px to "
-        "one under MJPG, and calibrate the lens at that size",
+        "one under MJPG, and set the lens in robot.toml for that size",
     )
 
 
