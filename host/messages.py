@@ -56,6 +56,7 @@ class Bearings:
     bearings (n,) rad, variances (n,) rad². origin (x, y) m: where the rays start.
     lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
     identities as in `Positions`. view (centre, half width) rad: what the camera can see at all.
+    ranges (n,) m, range_variances (n,) m²: from `origin`, by the size of the strip in the picture.
     """
 
     time: float
@@ -65,6 +66,8 @@ class Bearings:
     lag: float = 0.0
     identities: IntArray | None = None
     view: tuple[float, float] = (0.0, math.pi)
+    ranges: FloatArray | None = None
+    range_variances: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from host.estimator.gaussian_mixture import (
     carry,
     match_moments,
     near,
+    range_support,
     update_by_bearings,
     update_by_positions,
 )
@@ -57,7 +58,9 @@ class PhdFilter:
     ) -> None:
         self._settings = settings or Filter()
         self._lidar = LidarModel(lidar or Lidar())
-        self._camera = CameraModel(camera or Camera())
+        camera = camera or Camera()
+        self._camera = CameraModel(camera)
+        self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
         self._width = (lidar or Lidar()).target_diameter_m
         self._state = np.zeros((_STATE, 0))
         self._time = 0.0
@@ -158,6 +161,8 @@ class PhdFilter:
         pairs = update_by_bearings(prior, measured, lag, settings.gate)
         i, j = pairs.component, pairs.reading
         support = detected[i] * pairs.likelihood
+        if self._use_ranges:
+            support *= range_support(prior, measured, pairs, self._camera_reach_m)
         mass = support * prior[WEIGHT, i]
         # Blobs beyond what is expected come from teammates that the lidar has not shown yet.
         width = 2.0 * max(measured.view[1], _NARROWEST_RAD)

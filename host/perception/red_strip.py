@@ -115,6 +115,8 @@ class StripFinder:
             variances=np.array([noise + blob.variance_rad2 for blob in blobs], dtype=float),
             origin=(self._eye.x_m, self._eye.y_m),
             view=self.geometry.view,
+            ranges=np.array([blob.range_m for blob in blobs], dtype=float),
+            range_variances=np.array([blob.range_std_m**2 for blob in blobs], dtype=float),
         )
 
     def blobs(self, jpeg: bytes) -> list[Blob]:
