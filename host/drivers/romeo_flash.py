@@ -30,6 +30,7 @@ from host.drivers.romeo_protocol import (
     HelloFrame,
     IdentityFrame,
 )
+from host.drivers.romeo_session import ASK_PERIOD_S
 from host.drivers.serial_port import explain, read_available, stable_path
 from host.errors import UserError
 
@@ -40,7 +41,6 @@ BUTTON_S = 30.0  # for a person to press the reset button
 UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
 SKETCH_S = 10.0
 IDENTITY_S = 4.0
-HELLO_PERIOD_S = 0.5
 LOG = BUILDS / "avrdude.log"
 
 _BY_HAND = (
@@ -267,7 +267,7 @@ def _greet(port: serial.Serial) -> IdentityFrame:
     while time.monotonic() < end:
         if time.monotonic() >= next_hello:
             port.write(DELIMITER + encode(HelloFrame()))
-            next_hello = time.monotonic() + HELLO_PERIOD_S
+            next_hello = time.monotonic() + ASK_PERIOD_S
         data = read_available(port)
         heard += len(data)
         for frame in decoder.feed(data):

@@ -30,14 +30,7 @@ class SearchedCamera:
 
         identities (n,): the teammates of the scene. None if the picture could not be used.
         """
-        jpeg = self._renderer.render(
-            scene.teammates,
-            scene.posts,
-            scene.pose,
-            scene.half_side_m,
-            number,
-            scene.turn_rate_radps,
-        )
+        jpeg = self._renderer.render(scene, number)
         found = self._finder.find(jpeg, time)
         if found is None:
             return None

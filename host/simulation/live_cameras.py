@@ -110,18 +110,9 @@ class LiveCameras:
             late = self._clock() - self._start - delay
             number = max(number + 1, math.ceil(late / period))
             arrival = self._start + number * period + delay
-            jpeg = self._picture(renderer, number, number * period) if pipe.listening() else b""
+            jpeg = b""
+            if pipe.listening():
+                jpeg = renderer.render(self._surroundings(number * period), number)
             if self._stop.wait(max(0.0, arrival - self._clock())):
                 return
             pipe.write(jpeg, self._stop)
-
-    def _picture(self, renderer: Renderer, number: int, time: float) -> bytes:
-        scene = self._surroundings(time)
-        return renderer.render(
-            scene.teammates,
-            scene.posts,
-            scene.pose,
-            scene.half_side_m,
-            number,
-            scene.turn_rate_radps,
-        )

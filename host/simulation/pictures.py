@@ -78,17 +78,8 @@ class Renderer:
         self._scenery: Scenery
         self._patches: list[Patch]
 
-    def render(
-        self,
-        teammates: FloatArray,
-        posts: FloatArray,
-        pose: FloatArray,
-        half_side_m: float,
-        number: int,
-        turn_rate_radps: float = 0.0,
-    ) -> bytes:
-        """Return the JPEG of what `Surroundings` describes; `number` counts pictures."""
-        scene = Surroundings(teammates, posts, pose, half_side_m, turn_rate_radps)
+    def render(self, scene: Surroundings, number: int) -> bytes:
+        """Return the JPEG of the scene; `number` counts pictures."""
         return encode(self.picture(scene, number), self._look.quality)
 
     def picture(self, scene: Surroundings, number: int) -> Image:
@@ -191,10 +182,10 @@ def frames(
     for number in range(count):
         pose = np.append(random.uniform(-0.2, 0.2, 2), random.uniform(-math.pi, math.pi))
         things = _scatter(teammates, posts, eye, ranges_m, random)
-        scene = things[:teammates], things[teammates:]
         turn_rate = random.uniform(-turn_rate_radps, turn_rate_radps)
-        jpeg = renderer.render(*scene, pose, half_side, number, turn_rate)
-        yield jpeg, visible(renderer.view, camera.strip, *scene)
+        scene = Surroundings(things[:teammates], things[teammates:], pose, half_side, turn_rate)
+        jpeg = renderer.render(scene, number)
+        yield jpeg, visible(renderer.view, camera.strip, scene.teammates, scene.posts)
 
 
 def _scatter(

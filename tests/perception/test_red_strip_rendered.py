@@ -9,7 +9,7 @@ import pytest
 from host.config import Camera
 from host.geometry import wrap
 from host.perception.red_strip import StripFinder
-from host.simulation.pictures import Look, Renderer
+from host.simulation.pictures import Look, Renderer, Surroundings
 from host.simulation.sightings import visible
 
 SEED = 7
@@ -53,9 +53,10 @@ def search(look: Look, scenes: int) -> Tally:
         teammates, posts = things[:TEAMMATES], things[TEAMMATES:]
         pose = np.array([0.1, -0.2, random.uniform(-math.pi, math.pi)])
         turn_rate = random.uniform(-1.0, 1.0)
+        scene = Surroundings(teammates, posts, pose, 3.6, turn_rate)
         shown, hit = np.zeros(TEAMMATES), np.zeros(TEAMMATES, dtype=bool)
         for renderer, finder in zip(renderers, finders, strict=True):
-            jpeg = renderer.render(teammates, posts, pose, 3.6, number, turn_rate)
+            jpeg = renderer.render(scene, number)
             found = finder.find(jpeg, 0.0)
             assert found is not None
             truth = visible(renderer.view, CAMERA.strip, teammates, posts)

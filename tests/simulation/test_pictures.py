@@ -104,7 +104,7 @@ def test_the_red_of_a_picture_lies_in_the_teammates_bearing(eye: Eye) -> None:
     for number, bearing in enumerate((-1.2, -0.5, 0.0, 0.7, 1.3)):
         place = around(eye, 0.5 + 0.5 * number, bearing)
         posts, pose = NOBODY, np.array([0.0, 0.0, 0.3 * number])
-        jpeg = renderer.render(place[None], posts, pose, 3.6, number)
+        jpeg = renderer.render(Surroundings(place[None], posts, pose, 3.6, 0.0), number)
         picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         assert picture.shape == (1080, 1920, 3)
         rows, columns = np.nonzero(strips(picture, eye))
