@@ -121,7 +121,7 @@ class Eye(Section):
     k2: float = Field(0.0, gt=-1.0, lt=1.0)
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
-    z_m: float = Field(0.25, gt=0.0, lt=2.0)  # of the lens above the floor
+    z_m: float = Field(0.25, gt=0.0, lt=10.0)  # of the lens above the floor
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
     tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
     roll_rad: float = Field(0.0, ge=-math.pi, le=math.pi)  # clockwise, seen from behind
@@ -180,6 +180,46 @@ class Filter(Section):
         return self
 
 
+class NatNet(Section):
+    """Where the motion capture's server (Motive) streams from, and how."""
+
+    server: str = Field("192.168.0.100", min_length=1)
+    connection: Literal["multicast", "unicast"] = "multicast"
+    multicast_group: str = Field("239.255.42.99", min_length=1)
+    command_port: int = Field(1510, ge=1, le=65535)
+    data_port: int = Field(1511, ge=1, le=65535)
+    up: Literal["y", "z"] = "y"  # the axis that Motive calls up
+
+
+class Ceiling(Section):
+    """A camera under the ceiling that sees ArUco tags on the robots.
+
+    eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
+    """
+
+    eye: Eye = Eye(z_m=2.5, tilt_rad=round(math.pi / 2, 4), focal_px=1400.0)
+    tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
+    tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
+    dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
+
+
+class Mocap(Section):
+    """Motion capture: the truth for calibration and evaluation, never for the estimate.
+
+    body: the number of this robot's own body (streaming id, tag); x_m, y_m, heading_rad: where
+    that body's origin and x-axis are in the robot frame. Other bodies are teammates, with their
+    origins above the middle of their turrets.
+    """
+
+    source: Literal["none", "natnet", "ceiling"] = "none"
+    body: int = Field(1, ge=0, le=2**31 - 1)
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    natnet: NatNet = NatNet()
+    ceiling: Ceiling = Ceiling()
+
+
 class RobotConfig(Section):
     """robot.toml: one robot."""
 
@@ -190,6 +230,7 @@ class RobotConfig(Section):
     lidar: Lidar = Lidar()
     camera: Camera = Camera()
     filter: Filter = Filter()
+    mocap: Mocap = Mocap()
 
 
 def load(path: Path) -> RobotConfig:

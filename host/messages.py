@@ -57,6 +57,7 @@ class Bearings:
     lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
     identities as in `Positions`. view (centre, half width) rad: what the camera can see at all.
     ranges (n,) m, range_variances (n,) m²: from `origin`, by the size of the strip in the picture.
+    eye: the camera that saw them, "front" or "rear"; pixels (n, 2): where in its picture.
     """
 
     time: float
@@ -68,6 +69,8 @@ class Bearings:
     view: tuple[float, float] = (0.0, math.pi)
     ranges: FloatArray | None = None
     range_variances: FloatArray | None = None
+    eye: str = ""
+    pixels: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +122,19 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
+class Bodies:
+    """Where motion capture saw rigid bodies, in the floor's frame at `time` (of the exposure).
+
+    identities (n,): their numbers. poses (n, 3): x, y (m) and heading (rad) of each body's own
+    origin. A body that is not tracked is left out. Never given to a filter.
+    """
+
+    time: float
+    identities: IntArray
+    poses: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Health:
     """How a device does. ok: it delivers. reason: in words, with the next step where it does not.
 
@@ -133,4 +149,4 @@ class Health:
 
 
 Measurement = Scan | Positions | Bearings
-Message = Measurement | Displacement | Estimate | Truth | Health
+Message = Measurement | Displacement | Estimate | Truth | Bodies | Health

@@ -22,6 +22,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.messages import (
     Bearings,
+    Bodies,
     Displacement,
     Estimate,
     Health,
@@ -35,7 +36,7 @@ VERSION = 1
 SUFFIX = ".swarmloc"
 _KINDS: dict[str, type[Message]] = {
     kind.__name__.lower(): kind
-    for kind in (Scan, Positions, Bearings, Displacement, Estimate, Truth, Health)
+    for kind in (Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health)
 }
 _BEFORE_CRC, _AFTER_CRC = b'{"crc":"', b'",'
 _CRC_END = len(_BEFORE_CRC) + 8

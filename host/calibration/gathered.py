@@ -1,0 +1,124 @@
+"""What calibration works on: a robot's messages in one place, and the true paths in them."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from host.config import Mocap, RobotConfig
+from host.errors import UserError
+from host.geometry import Path, to_frame, to_parent
+from host.messages import Bearings, Bodies, Displacement, FloatArray, IntArray, Message, Scan
+
+_GAP_S = 0.1  # a body lost for longer is not interpolated
+_NOBODY = Bodies(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+
+
+class Tracks:
+    """True paths of the robot and its teammates on the floor, from what motion capture saw.
+
+    identities (n,): of the teammates. Between frames paths are interpolated; where a body was
+    lost for longer than 0.1 s, before the first frame and after the last, everything is nan.
+    Raises UserError where the robot's own body was never seen.
+    """
+
+    def __init__(self, frames: Sequence[Bodies], mocap: Mocap) -> None:
+        times = np.concatenate([np.full(len(f.identities), f.time) for f in (_NOBODY, *frames)])
+        numbers = np.concatenate([f.identities for f in (_NOBODY, *frames)])
+        poses = np.concatenate([f.poses for f in (_NOBODY, *frames)])
+        self._bodies = {}
+        for number in np.unique(numbers).tolist():
+            chosen = np.flatnonzero(numbers == number)
+            chosen = chosen[np.unique(times[chosen], return_index=True)[1]]
+            path = poses[chosen].copy()
+            path[:, 2] = np.unwrap(path[:, 2])
+            self._bodies[number] = times[chosen], path
+        if mocap.body not in self._bodies:
+            seen = ", ".join(str(number) for number in self._bodies) or "none"
+            raise UserError(
+                f"motion capture never saw body {mocap.body}, which is this robot",
+                f"bodies seen: {seen}",
+                "set body in [mocap] of robot.toml to this robot's streaming id or tag number",
+            )
+        self._body = mocap.body
+        # The robot frame in the body's own frame.
+        back = to_frame(np.zeros((1, 2)), np.array([mocap.x_m, mocap.y_m, mocap.heading_rad]))
+        self._robot = back, -mocap.heading_rad
+        self.identities: IntArray = np.array(
+            [n for n in self._bodies if n != mocap.body], dtype=int
+        )
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time (s) at which the robot was seen."""
+        times = self._bodies[self._body][0]
+        return float(times[0]), float(times[-1])
+
+    def body(self, identity: int, times: FloatArray) -> FloatArray:
+        """Poses (k, 3) of a body on the floor at `times` (k,): x, y (m), heading (not wrapped)."""
+        known, poses = self._bodies[identity]
+        times = np.asarray(times, dtype=float)
+        after = np.clip(np.searchsorted(known, times), 1, max(len(known) - 1, 1))
+        before = after - 1
+        after = np.minimum(after, len(known) - 1)
+        interval = known[after] - known[before]
+        share = np.where(interval > 0.0, (times - known[before]) / np.maximum(interval, 1e-12), 0.0)
+        found: FloatArray = poses[before] + share[:, None] * (poses[after] - poses[before])
+        outside = (times < known[0]) | (times > known[-1])
+        found[outside | (interval > _GAP_S)] = math.nan
+        return found
+
+    def own(self, times: FloatArray) -> FloatArray:
+        """Poses (k, 3) of the robot itself on the floor at `times` (k,)."""
+        body = self.body(self._body, times)
+        place, turn = self._robot
+        own = np.empty_like(body)
+        own[:, :2] = to_parent(np.broadcast_to(place, (len(body), 2)), body)
+        own[:, 2] = body[:, 2] + turn
+        return own
+
+    def relative(self, identity: int, times: FloatArray) -> FloatArray:
+        """Positions (k, 2) m of a teammate in the robot frame at `times` (k,)."""
+        return to_frame(self.body(identity, times)[:, :2], self.own(times))
+
+
+class Gathered:
+    """Messages of one robot, kept by kind in the order they came.
+
+    config: under which they were taken, so that e.g. its delays are in their times already.
+    """
+
+    def __init__(self, config: RobotConfig) -> None:
+        self.config = config
+        self.scans: list[Scan] = []
+        self.displacements: list[Displacement] = []
+        self.bearings: list[Bearings] = []
+        self.bodies: list[Bodies] = []
+
+    def take(self, message: Message) -> None:
+        """Keep a message if calibration has a use for it."""
+        if isinstance(message, Scan):
+            self.scans.append(message)
+        elif isinstance(message, Displacement):
+            self.displacements.append(message)
+        elif isinstance(message, Bearings):
+            self.bearings.append(message)
+        elif isinstance(message, Bodies):
+            self.bodies.append(message)
+
+    def tracks(self) -> Tracks:
+        """The true paths. Raises UserError where there are none."""
+        if not self.bodies:
+            raise UserError(
+                "there is no motion capture to calibrate against",
+                "not one frame of it was received",
+                "name its source in [mocap] of robot.toml (docs/calibration.md)",
+            )
+        return Tracks(self.bodies, self.config.mocap)
+
+    def path(self) -> Path:
+        """The whole path by the wheels alone."""
+        path = Path(keep_seconds=math.inf)
+        for displacement in self.displacements:
+            path.append(displacement)
+        return path
