@@ -197,7 +197,7 @@ class Ceiling(Section):
     eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
     """
 
-    eye: Eye = Eye(z_m=2.5, tilt_rad=round(math.pi / 2, 4), focal_px=1400.0)
+    eye: Eye = Eye(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
     tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
     tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
     dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
