@@ -11,11 +11,11 @@ from host.perception.red_strip import StripFinder
 
 
 class StripCamera:
-    """One camera: `run` it in a thread. name: what Health calls it, "front camera" say."""
+    """One camera, "front" or "rear": `run` it in a thread."""
 
     def __init__(self, name: str, camera: Camera, eye: Eye) -> None:
-        self._driver = CameraDriver(name, eye, camera.delay_s)
-        self._finder = StripFinder(camera, eye)
+        self._driver = CameraDriver(f"{name} camera", eye, camera.delay_s)
+        self._finder = StripFinder(camera, eye, name=name)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Bearings of each picture, and the driver's Health with the search's counts."""
@@ -33,8 +33,10 @@ class StripCamera:
 
 
 def cameras(config: Camera) -> dict[str, StripCamera]:
-    """The cameras that have a source, by name."""
-    eyes = {"front camera": config.front, "rear camera": config.rear}
+    """The cameras that have a source, by the name that Health calls them."""
+    eyes = {"front": config.front, "rear": config.rear}
     return {
-        name: StripCamera(name, config, eye) for name, eye in eyes.items() if eye.source != "none"
+        f"{name} camera": StripCamera(name, config, eye)
+        for name, eye in eyes.items()
+        if eye.source != "none"
     }

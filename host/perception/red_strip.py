@@ -91,11 +91,14 @@ class StripFinder:
     """Finds teammates' strips in one camera's pictures. For one thread.
 
     counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
-    found. decoder: the fastest that is installed, unless another is given.
+    found. decoder: the fastest that is installed, unless another is given. name: of the camera, as
+    its Bearings tell it.
     """
 
-    def __init__(self, camera: Camera, eye: Eye, decoder: Decoder | None = None) -> None:
-        self._camera, self._eye = camera, eye
+    def __init__(
+        self, camera: Camera, eye: Eye, decoder: Decoder | None = None, name: str = ""
+    ) -> None:
+        self._camera, self._eye, self._name = camera, eye, name
         self.decoder = decoder or fastest_decoder()
         self._size = (eye.width_px, eye.height_px)
         self._colour = StripColour(camera.strip)
@@ -117,6 +120,8 @@ class StripFinder:
             view=self.geometry.view,
             ranges=np.array([blob.range_m for blob in blobs], dtype=float),
             range_variances=np.array([blob.range_std_m**2 for blob in blobs], dtype=float),
+            eye=self._name,
+            pixels=np.array([(blob.x, blob.y) for blob in blobs], dtype=float).reshape(-1, 2),
         )
 
     def blobs(self, jpeg: bytes) -> list[Blob]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -16,12 +17,19 @@ _SLACK_RAD = math.radians(2.0)
 
 
 class SearchedCamera:
-    """What the search finds in the pictures of one camera, and whom it found, by the truth."""
+    """What the search finds in the pictures of one camera, and whom it found, by the truth.
 
-    def __init__(self, camera: Camera, eye: Eye, seed: int) -> None:
-        self._camera = camera
-        self._renderer = Renderer(camera, eye, seed=seed)
-        self._finder = StripFinder(camera, eye)
+    told: the cameras as the search knows them; true: as they are.
+    """
+
+    def __init__(
+        self, name: Literal["front", "rear"], told: Camera, true: Camera, seed: int
+    ) -> None:
+        self._strip = true.strip
+        told_eye: Eye = getattr(told, name)
+        true_eye: Eye = getattr(true, name)
+        self._renderer = Renderer(true, true_eye, seed=seed)
+        self._finder = StripFinder(told, told_eye, name=name)
 
     def bearings(
         self, scene: Surroundings, identities: IntArray, time: float, number: int
@@ -34,7 +42,7 @@ class SearchedCamera:
         found = self._finder.find(jpeg, time)
         if found is None:
             return None
-        truth = visible(self._renderer.view, self._camera.strip, scene.teammates, scene.posts)
+        truth = visible(self._renderer.view, self._strip, scene.teammates, scene.posts)
         return dataclasses.replace(found, identities=self._identify(found, truth, identities))
 
     def _identify(self, found: Bearings, truth: Sightings, identities: IntArray) -> IntArray:
@@ -43,7 +51,7 @@ class SearchedCamera:
         none = np.full(len(found.bearings), -1)
         if not shown.any():
             return none
-        half = 0.5 * self._camera.strip.diameter_m / truth.ranges[shown]
+        half = 0.5 * self._strip.diameter_m / truth.ranges[shown]
         off = np.abs(wrap(found.bearings[:, None] - truth.bearings[shown]))
         # A strip hidden in part is seen beside its middle.
         off = np.where(off < half + _SLACK_RAD, off, np.inf)

@@ -139,13 +139,15 @@ class LiveSimulation:
             LIDAR: (Terminal(folder / LIDAR), self._simulation.x4),
             BOARD: (Terminal(folder / BOARD), self._simulation.board),
         }
+        known = self._simulation.config
         self.config = _with_ports(
-            config, {name: port.path for name, (port, _) in self._ports.items()}
+            known, {name: port.path for name, (port, _) in self._ports.items()}
         )
         self.camera = LiveCamera(self)
         self._pictures: LiveCameras | None = None
         if scenario.rendered:
-            self._pictures = LiveCameras(folder, scenario, config.camera, self._surroundings, clock)
+            told, true = self.config.camera, self._simulation.built.camera
+            self._pictures = LiveCameras(folder, scenario, told, true, self._surroundings, clock)
             self.config = self.config.model_copy(update={"camera": self._pictures.camera})
 
     def __enter__(self) -> Self:
@@ -186,8 +188,8 @@ class LiveSimulation:
         time = frame / scenario.camera_hz
         with self._lock:
             bearings = self._simulation.camera.bearings(time)
-        measured = self._start + time
-        return measured + scenario.camera_delay_s, replace(bearings, time=measured)
+        arrival = self._start + time + scenario.camera_delay_s
+        return arrival, replace(bearings, time=arrival - self.config.camera.delay_s)
 
     def _surroundings(self, time: float) -> Surroundings:
         with self._lock:
@@ -227,8 +229,7 @@ def _exchange(terminal: Terminal, device: Device, now: float) -> None:
 
 
 def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
-    """The configuration for the simulated devices, whose bytes come without delay."""
-    lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR]), "delay_s": 0.0})
+    lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR])})
     board = config.board.model_copy(update={"port": str(ports[BOARD])})
     return config.model_copy(update={"lidar": lidar, "board": board})
 

@@ -56,14 +56,16 @@ class LiveCameras:
     """Front and rear camera, each a thread that sends its pictures when they would arrive.
 
     surroundings(time): what is around the robot at `time`, s since the start. folder: where the
-    pipes are made. camera: the configuration that reads from them.
+    pipes are made. told: the cameras as the host knows them, which with the pipes for sources is
+    `camera`; true: as they are.
     """
 
     def __init__(
         self,
         folder: Path,
         scenario: Scenario,
-        camera: Camera,
+        told: Camera,
+        true: Camera,
         surroundings: Callable[[float], Surroundings],
         clock: Callable[[], float],
     ) -> None:
@@ -72,18 +74,18 @@ class LiveCameras:
         self._clock = clock
         self._start = 0.0
         self._stop = threading.Event()
+        self._true = true
         self._pipes = {name: Pipe(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
-        eyes = {FRONT: camera.front, REAR: camera.rear}
         changes = {
             name: eye.model_copy(
                 update={"source": str(self._pipes[name].path), "rate_hz": scenario.camera_hz}
             )
-            for name, eye in eyes.items()
+            for name, eye in ((FRONT, told.front), (REAR, told.rear))
         }
-        self.camera = camera.model_copy(update={**changes, "delay_s": scenario.camera_delay_s})
+        self.camera = told.model_copy(update=changes)
         self._threads = [
             threading.Thread(target=self._run, args=(name, eye), name=f"{name} eye", daemon=True)
-            for name, eye in eyes.items()
+            for name, eye in ((FRONT, true.front), (REAR, true.rear))
         ]
 
     def start(self, start: float) -> None:
@@ -102,7 +104,7 @@ class LiveCameras:
 
     def _run(self, name: str, eye: Eye) -> None:
         pipe = self._pipes[name]
-        renderer = Renderer(self.camera, eye, seed=self._scenario.seed)
+        renderer = Renderer(self._true, eye, seed=self._scenario.seed)
         period, delay = 1.0 / self._scenario.camera_hz, self._scenario.camera_delay_s
         number = -1
         while not self._stop.is_set():

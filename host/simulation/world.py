@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,10 +12,12 @@ from host.drivers.romeo_session import Session
 from host.drivers.x4_commands import SCAN
 from host.drivers.x4_protocol import Decoder
 from host.geometry import to_frame
-from host.messages import Bearings, Message, Truth
+from host.messages import Bearings, Bodies, Message, Truth
 from host.simulation.arena import STEP_S, Arena
 from host.simulation.board import STAND_IN, BoardKind
+from host.simulation.built import built, known
 from host.simulation.camera_search import SearchedCamera
+from host.simulation.motion_capture import MotionCapture
 from host.simulation.pictures import Surroundings
 from host.simulation.scenarios import Scenario
 from host.simulation.sensors import Camera, Encoders, Lidar
@@ -31,32 +34,41 @@ Arrival = tuple[float, Message]
 class Simulation:
     """A scenario, one robot's devices in it, and what the host makes of their bytes.
 
-    x4 and board: the devices at byte level; camera: the image pairs. All times are seconds since
-    the scenario's start.
+    x4 and board: the devices at byte level; camera: the image pairs. built: the robot as it truly
+    is; config: what the host knows of it. All times are seconds since the scenario's start.
     """
 
     def __init__(
         self, scenario: Scenario, config: RobotConfig, board: BoardKind = STAND_IN
     ) -> None:
         self.scenario = scenario
+        self.built = built(config, scenario)
+        self.config = known(config, scenario)
         self._arena = Arena(scenario)
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
-        lidar = Lidar(self._arena, OBSERVER, scenario, config.lidar)
-        self._encoders = Encoders(self._arena, OBSERVER, scenario, config.wheels)
+        lidar = Lidar(self._arena, OBSERVER, scenario, self.built.lidar)
+        self._encoders = Encoders(self._arena, OBSERVER, scenario, self.built.wheels)
         self.camera = Camera(self._arena, OBSERVER, scenario)
-        self.x4 = X4Emulator(lidar.ranges, scenario.lidar_turn_hz, scenario.seed)
+        self.x4 = X4Emulator(
+            lidar.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
+        )
         self.board = board.make(self._encoders.ticks)
-        self._config = config
+        self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
         self._decoder = Decoder()
-        self._session = Session(config)
+        self._session = Session(self.config)
         self._talked = 0.0
         self._frames = 0
         self._truths = 0
+        self._exposures = 0
 
     def truth(self, time: float) -> Truth:
         """Where the teammates truly are at `time` (s), in the observer's frame."""
         (poses,) = self._arena.poses(np.array([time]))
         return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+
+    def bodies(self, time: float) -> Bodies:
+        """What motion capture sees at `time` (s); call once a frame, in order."""
+        return self._mocap.bodies(time)
 
     def surroundings(self, time: float) -> Surroundings:
         """What is around the observer at `time` (s), for its cameras."""
@@ -77,7 +89,7 @@ class Simulation:
         self._arena.forget(before)
 
     def messages(self) -> Iterator[Message]:
-        """Yield Scan, Displacement, Bearings and Truth (10 Hz) in order of their arrival, once.
+        """Yield Scan, Displacement, Bearings, Bodies, Truth (10 Hz) in order of arrival, once.
 
         The devices' bytes go through the decoders and the conversion that serve the real ones.
         """
@@ -89,6 +101,7 @@ class Simulation:
                 *self._scans(now),
                 *self._displacements(now),
                 *self._bearings(now),
+                *self._bodies(now),
                 *self._truths_until(now),
             ]
             arrivals.sort(key=lambda arrival: arrival[0])
@@ -96,9 +109,10 @@ class Simulation:
                 yield message
 
     def _scans(self, now: float) -> Iterator[Arrival]:
+        delay = self.config.lidar.delay_s
         for time, data in self.x4.transmit(now):
             for scan in self._decoder.feed(data, time):
-                yield time, scan
+                yield time, replace(scan, time=scan.time - delay, times=scan.times - delay)
 
     def _displacements(self, now: float) -> Iterator[Arrival]:
         # A host answers at once, not once a tick.
@@ -111,10 +125,18 @@ class Simulation:
 
     def _bearings(self, now: float) -> Iterator[Arrival]:
         delay = self.scenario.camera_delay_s
+        unknown = delay - self.config.camera.delay_s
         while (time := self._frames / self.scenario.camera_hz) + delay <= now:
             for bearings in self._seen(time):
-                yield time + delay, bearings
+                yield time + delay, replace(bearings, time=time + unknown)
             self._frames += 1
+
+    def _bodies(self, now: float) -> Iterator[Arrival]:
+        if not self.scenario.mocap_hz:
+            return
+        while (time := self._exposures / self.scenario.mocap_hz) <= now:
+            self._exposures += 1
+            yield time, self.bodies(time)
 
     def _seen(self, time: float) -> list[Bearings]:
         """What the image pair taken at `time` (s) shows, as one or, where rendered, as two."""
@@ -128,9 +150,8 @@ class Simulation:
 
     @functools.cached_property
     def _searched(self) -> tuple[SearchedCamera, SearchedCamera]:
-        camera = self._config.camera
-        seed = self.scenario.seed
-        return SearchedCamera(camera, camera.front, seed), SearchedCamera(camera, camera.rear, seed)
+        told, true, seed = self.config.camera, self.built.camera, self.scenario.seed
+        return SearchedCamera("front", told, true, seed), SearchedCamera("rear", told, true, seed)
 
     def _truths_until(self, now: float) -> Iterator[Arrival]:
         while (time := self._truths / TRUTH_HZ) <= now:

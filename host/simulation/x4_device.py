@@ -51,11 +51,14 @@ class X4Emulator:
     sense(times (n,) s, raw_angles (n,) rad clockwise in [0, 2 pi)) -> ranges (n,) m, 0 where
     nothing comes back: what each sample measures. The raw angle is the device's own; the reader
     adds `x4_packets.angle_correction`.
-    Times are those of the caller's clock. Switches, for tests and demonstrations: motor_powered,
+    Times are those of the caller's clock. delay_s: how much later its bytes come than over a plain
+    line, as through a hub. Switches, for tests and demonstrations: motor_powered,
     answers (False: dead), corrupt_share (packets with one flipped bit), health.
     """
 
-    def __init__(self, sense: Sense, turn_rate_hz: float = 7.0, seed: int = 0) -> None:
+    def __init__(
+        self, sense: Sense, turn_rate_hz: float = 7.0, seed: int = 0, delay_s: float = 0.0
+    ) -> None:
         self.motor_powered = True
         self.answers = True
         self.corrupt_share = 0.0
@@ -63,6 +66,7 @@ class X4Emulator:
         self.info = DeviceInfo(model=6, firmware="1.5", hardware=1, serial=f"{seed:016d}")
         self._sense = sense
         self._turn_rate_hz = turn_rate_hz
+        self._delay_s = delay_s
         self._random = np.random.default_rng(seed)
         self._scanning = False
         self._half_command = b""
@@ -104,11 +108,12 @@ class X4Emulator:
             self._send(encode_reply(self.health), now)
 
     def transmit(self, now: float) -> list[tuple[float, bytes]]:
-        """Packets and replies whose last byte has left by `now`, each with that time, in order."""
+        """Packets and replies whose last byte has come by `now`, each with that time, in order."""
         self._measure(now)
         sent: list[tuple[float, bytes]] = []
-        while self._line and self._line[0][0] <= now:
-            sent.append(self._line.popleft())
+        while self._line and self._line[0][0] + self._delay_s <= now:
+            left, data = self._line.popleft()
+            sent.append((left + self._delay_s, data))
         return sent
 
     def _send(self, data: bytes, ready: float) -> None:
