@@ -5,12 +5,23 @@ turn of the sensor are the same thing; the curvature at the least cost does not 
 curve as a whole does: it is flat.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from host.errors import UserError
+from host.geometry import rotation
 from host.messages import FloatArray
+
+_TUKEY = 4.685  # 95 % efficient where errors are normal
+_RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane error whose axes have a std of 1
+_ROUNDS, _SETTLED = 50, 1e-8
+_SLOPE_S = 0.01  # half the interval over which the true path's velocity is taken
+_LEAST_PAIRS = 12
+_SINGULAR = 1e-10
+_CORRELATED_S = 3.0  # errors further apart in time are taken to be independent
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,5 +61,112 @@ def scan(cost: Callable[[float], float], low: float, high: float, step: float) -
     cost(delay): of everything else fitted at that delay, by a robust measure that does not change
     with the delay (such as the mean of squared errors, each cut off at a fixed bound).
     """
-    delays: FloatArray = low + step * np.arange(round((high - low) / step) + 1)
+    count = round((high - low) / step) + 1
+    delays = np.linspace(low, low + step * (count - 1), count)
     return DelayCurve(delays, np.array([cost(float(delay)) for delay in delays]))
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit:
+    """A sensor's mounting and delay at once.
+
+    values (4,): x, y (m), heading (rad), delay (s). covariance (4, 4): of these; infinite where
+    the path does not tell them apart. errors (n, 2) m: where each reading lies, less the truth,
+    nan where there is no truth. weights (n,): from 0 (a wrong pair) to 1.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    errors: FloatArray
+    weights: FloatArray
+
+
+def fit_jointly(
+    points: FloatArray,
+    times: FloatArray,
+    sigmas: FloatArray,
+    truth: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+) -> JointFit:
+    """Mounting and delay that take a sensor's points (n, 2) m, stamped `times` (n,), to the truth.
+
+    sigmas (n,): standard deviations of the points per axis, up to a common factor. truth: where
+    the things measured were in the robot frame, (n, 2) m at any times (n,); nan where unknown.
+    start (4,): values to begin with, whose wrong pairs are less than half. Gauss-Newton with
+    Tukey's weights; the covariance is that of sums over blocks of 3 s (a sandwich), since errors
+    near in time are alike. Raises UserError where fewer than 12 pairs have a truth.
+    """
+    values = np.array(start, dtype=float)
+    for _ in range(_ROUNDS):
+        errors, slopes, weights, _ = _linearise(points, times, sigmas, truth, values)
+        strength = weights / sigmas**2
+        normal = np.einsum("n,nai,naj->ij", strength, slopes, slopes)
+        gradient = np.einsum("n,nai,na->i", strength, slopes, errors)
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        # Without its weakest directions: where the path does not tell, the start stays.
+        step = np.linalg.lstsq(normal / np.outer(size, size), gradient / size, rcond=_SINGULAR)[0]
+        values = values - step / size
+        if np.abs(step / size).max() < _SETTLED:
+            break
+    errors, slopes, weights, bends = _linearise(points, times, sigmas, truth, values)
+    covariance = _sandwich(errors, slopes, weights, bends, sigmas, times)
+    errors[np.isnan(truth(times - values[3])).any(axis=1)] = math.nan
+    return JointFit(values, covariance, errors, weights)
+
+
+def _linearise(
+    points: FloatArray,
+    times: FloatArray,
+    sigmas: FloatArray,
+    truth: Callable[[FloatArray], FloatArray],
+    values: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Errors (n, 2), their slopes (n, 2, 4), Tukey's weights (n,), and how these fall (n,).
+
+    Without a truth, all are 0.
+    """
+    x, y, heading, delay = values
+    placed = points @ rotation(heading).T
+    errors = placed + np.array([x, y]) - truth(times - delay)
+    velocity = truth(times - delay + _SLOPE_S) - truth(times - delay - _SLOPE_S)
+    slopes = np.zeros((len(points), 2, 4))
+    slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
+    slopes[:, 0, 2], slopes[:, 1, 2] = -placed[:, 1], placed[:, 0]
+    slopes[:, :, 3] = velocity / (2.0 * _SLOPE_S)
+    known = np.isfinite(errors).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+    if np.count_nonzero(known) < _LEAST_PAIRS:
+        raise UserError(
+            "too few readings to fit a delay",
+            f"{np.count_nonzero(known)} were made while motion capture saw both robots",
+            "record for longer, with both robots in view of motion capture",
+        )
+    errors[~known], slopes[~known] = 0.0, 0.0
+    relative = np.hypot(*errors.T) / sigmas
+    bound = _TUKEY * max(float(np.median(relative[known])) / _RAYLEIGH_MEDIAN, 1e-9)
+    root = np.where(known, np.maximum(1.0 - (relative / bound) ** 2, 0.0), 0.0)
+    return errors, slopes, root**2, -4.0 * root / bound**2
+
+
+def _sandwich(
+    errors: FloatArray,
+    slopes: FloatArray,
+    weights: FloatArray,
+    bends: FloatArray,
+    sigmas: FloatArray,
+    times: FloatArray,
+) -> FloatArray:
+    """Covariance (4, 4) of the fit, by how much sums of its gradient scatter over blocks."""
+    scaled, tilted = errors / sigmas[:, None], slopes / sigmas[:, None, None]
+    pulls = np.einsum("na,nai->ni", scaled, tilted)
+    hessian = np.einsum("n,nai,naj->ij", weights, tilted, tilted) + (pulls.T * bends) @ pulls
+    block = np.unique(np.floor(times / _CORRELATED_S), return_inverse=True)[1]
+    sums = np.zeros((int(block.max()) + 1, 4))
+    np.add.at(sums, block, weights[:, None] * pulls)
+    size = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
+    relative = hessian / np.outer(size, size)
+    if len(sums) <= len(size) or np.linalg.eigvalsh(relative)[0] < _SINGULAR:
+        return np.full((4, 4), math.inf)
+    back = np.linalg.inv(relative) / np.outer(size, size)
+    spread = sums.T @ sums * (len(sums) / (len(sums) - len(size)))
+    found: FloatArray = back @ spread @ back
+    return found

@@ -1,0 +1,188 @@
+"""The rotation and translation between two sets of points in the plane, some of them wrong pairs.
+
+Arun 1987 (Belaroussi 2024, section 4.4.1): centre both sets, and take the rotation out of the
+singular value decomposition of their covariance. Where points lie nearly on a line, that gives a
+reflection as readily as a rotation; Umeyama 1991 (eq. 39-40) turns it back.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.errors import UserError
+from host.geometry import rotation, to_parent
+from host.messages import BoolArray, FloatArray
+
+_TRIALS = 300  # with 60 % wrong pairs the chance that none is of two right ones is 2e-23
+_SCORED = 400  # pairs that tell how good a trial is
+_LEAST_SHARE = 0.3  # of the points' spread between the two of a trial
+_ROUNDS = 20
+_GATE_SIGMAS = 3.5
+_RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane error whose axes have a std of 1
+_NO_SPREAD = 1e-9
+_SEED = 20240601
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """to = R(heading) from + (x, y), for points of the plane in metres.
+
+    covariance (3, 3): of x, y (m) and heading (rad), as far as errors of pairs are independent.
+    inliers (n,): the pairs that were used. rms m: of the length of their errors.
+    """
+
+    x: float
+    y: float
+    heading: float
+    covariance: FloatArray
+    inliers: BoolArray
+    rms: float
+
+    @property
+    def pose(self) -> FloatArray:
+        """x, y (m) and heading (rad) of the frame of `from`: (3,)."""
+        return np.array([self.x, self.y, self.heading])
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Points (n, 2) m of the one frame, in the other."""
+        return to_parent(points, self.pose)
+
+
+def align(
+    from_points: FloatArray, to_points: FloatArray, weights: FloatArray | None = None
+) -> Alignment:
+    """The rigid motion that takes points (n, 2) m to their partners (n, 2) with least squares.
+
+    weights (n,): inverse variances up to a common factor; a pair of weight 0 is no inlier. Raises
+    UserError for fewer than three pairs, and where the points all lie in one place.
+    """
+    weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    used = weights > 0.0
+    if np.count_nonzero(used) < 3:
+        raise UserError(
+            "too few points to align",
+            f"{np.count_nonzero(used)} pairs, where three are the least",
+            "record for longer, with the teammate in plain view",
+        )
+    share = weights / weights.sum()
+    from_middle, to_middle = share @ from_points, share @ to_points
+    source, target = from_points - from_middle, to_points - to_middle
+    covariance = (share[:, None] * target).T @ source
+    u, singular, v = np.linalg.svd(covariance)
+    guard = np.linalg.det(u) * np.linalg.det(v)
+    spread = float(np.sqrt(share @ np.sum(source**2, axis=1) * (share @ np.sum(target**2, axis=1))))
+    size = float(np.abs(np.concatenate((from_middle, to_middle))).max())
+    if not singular[0] + guard * singular[1] > _NO_SPREAD * max(spread, _NO_SPREAD * size**2):
+        raise UserError(
+            "the points do not tell a rotation",
+            "they lie in one place, or go no way together",
+            "drive so that the teammate is seen in many places",
+        )
+    turn = u @ np.diag((1.0, guard)) @ v
+    x, y = to_middle - turn @ from_middle
+    errors = target - source @ turn.T
+    return Alignment(
+        x=float(x),
+        y=float(y),
+        heading=math.atan2(turn[1, 0], turn[0, 0]),
+        covariance=_covariance(source, turn @ from_middle, errors, weights),
+        inliers=used,
+        rms=float(np.sqrt(np.mean(np.sum(errors[used] ** 2, axis=1)))),
+    )
+
+
+def _covariance(
+    source: FloatArray, turned_middle: FloatArray, errors: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Covariance (3, 3) of x, y and heading, by the scatter of the errors (n, 2) themselves.
+
+    About the middle of the points, rotation and translation are independent; the translation of
+    the frame's origin has the rotation in it.
+    """
+    freedom = 2 * np.count_nonzero(weights) - 3
+    variance = float(weights @ np.sum(errors**2, axis=1)) / freedom
+    angle = variance / float(weights @ np.sum(source**2, axis=1))
+    lever = np.array([turned_middle[1], -turned_middle[0], 1.0])
+    found: FloatArray = angle * np.outer(lever, lever)
+    found[0, 0] += variance / weights.sum()
+    found[1, 1] += variance / weights.sum()
+    return found
+
+
+def align_robustly(
+    from_points: FloatArray,
+    to_points: FloatArray,
+    error_m: float,
+    weights: FloatArray | None = None,
+    start: FloatArray | None = None,
+) -> Alignment:
+    """The rigid motion that most pairs agree on, though more than half of them may be wrong.
+
+    error_m: the largest error (m) that a right pair may have; wrong ones need not have less. From
+    a pose `start` (3,), or the consensus of random pairs of pairs, the fit is repeated with the
+    pairs near it alone, until they stay the same: near is 3.5 times their own scatter, and
+    `error_m` at most. Raises UserError as `align` does, and where no three pairs agree.
+    """
+    weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    pose = _consensus(from_points, to_points, error_m) if start is None else start
+    errors = np.hypot(*(to_parent(from_points, pose) - to_points).T)
+    inliers = errors <= error_m
+    found = _align_inliers(from_points, to_points, weights, inliers)
+    for _ in range(_ROUNDS):
+        errors = np.hypot(*(found.apply(from_points) - to_points).T)
+        relative = errors * np.sqrt(weights)
+        near = errors <= error_m
+        if not near.any():
+            break
+        scatter = float(np.median(relative[near])) / _RAYLEIGH_MEDIAN
+        last, inliers = inliers, near & (relative <= _GATE_SIGMAS * scatter)
+        found = _align_inliers(from_points, to_points, weights, inliers)
+        if np.array_equal(last, inliers):
+            break
+    return found
+
+
+def _align_inliers(
+    from_points: FloatArray, to_points: FloatArray, weights: FloatArray, inliers: BoolArray
+) -> Alignment:
+    if np.count_nonzero(inliers) < 3:
+        raise UserError(
+            "no rotation and translation that pairs of points agree on",
+            f"{np.count_nonzero(inliers)} of {len(inliers)} pairs agree",
+            "see that the numbers of the bodies are those of the robots meant",
+        )
+    return align(from_points, to_points, np.where(inliers, weights, 0.0))
+
+
+def _consensus(from_points: FloatArray, to_points: FloatArray, error_m: float) -> FloatArray:
+    """Pose (3,) by two pairs that most others agree with; of random twos the best."""
+    random = np.random.default_rng(_SEED)
+    count = len(from_points)
+    if count < 3:
+        raise UserError(
+            "too few points to align",
+            f"{count} pairs, where three are the least",
+            "record for longer, with the teammate in plain view",
+        )
+    first, second = random.integers(0, count, (2, 8 * _TRIALS))
+    base, partner = from_points[second] - from_points[first], to_points[second] - to_points[first]
+    length = np.hypot(*base.T)
+    # Near each other, two points tell little of a rotation; apart by other lengths, one is wrong.
+    wide = length >= _LEAST_SHARE * float(np.percentile(length, 90))
+    alike = np.abs(length - np.hypot(*partner.T)) <= 2.0 * error_m
+    chosen = np.flatnonzero(wide & alike)[:_TRIALS]
+    if not len(chosen):
+        chosen = np.arange(min(_TRIALS, len(first)))
+    headings = np.arctan2(*partner[chosen].T[::-1]) - np.arctan2(*base[chosen].T[::-1])
+    some = random.permutation(count)[:_SCORED]
+    best, least = np.zeros(3), math.inf
+    for heading, one, other in zip(headings, first[chosen], second[chosen], strict=True):
+        ends = [one, other]
+        shift = np.mean(to_points[ends] - from_points[ends] @ rotation(heading).T, axis=0)
+        pose = np.array([*shift, heading])
+        errors = to_parent(from_points[some], pose) - to_points[some]
+        cost = float(np.sum(np.minimum(np.sum(errors**2, axis=1), error_m**2)))
+        if cost < least:
+            best, least = pose, cost
+    return best
