@@ -1,0 +1,258 @@
+"""A NatNet frame of motion capture: bytes ↔ values, versions 2.7 to 4.x, little-endian.
+
+    number (4) | marker sets | other markers | rigid bodies | skeletons | assets (4.1)
+    | labelled markers | force plates (2.9) | devices (2.11) | timecode (4 + 4) | timestamp (8)
+    | stamps of mid-exposure, reception and transmission (3 x 8; 3.0) | precise time (4 + 4; 4.1)
+    | flags (2) | end (4)
+
+A section is a count and that many items; from 4.1 its size in bytes stands between the two, so
+that a section nobody needs is skipped in one step. Only rigid bodies and the end are read, the
+rest is walked over. A frame has no checksum: it is taken only if it is used up exactly.
+Source: the packet layout of OptiTrack's NatNet SDK 2.7 to 4.1. Its Python sample reads the precise
+time from 4.0 and its C++ sample from 4.1; 4.0 is read either way here, by what is left of it.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.messages import BoolArray, FloatArray, IntArray
+
+Version = tuple[int, int]
+OLDEST: Version = (2, 7)
+
+_BODY = np.dtype(
+    [
+        ("identity", "<i4"),
+        ("position", "<f4", 3),
+        ("quaternion", "<f4", 4),
+        ("error", "<f4"),
+        ("flags", "<i2"),
+    ]
+)
+_POSE_BYTES = 32  # of a body up to its quaternion; before 3.0 its markers follow
+_MARKER_BYTES = 12 + 4 + 4  # position, number and size of a marker in a body
+_MAX_NAME = 256
+_TRACKED = 1
+_RECORDING, _MODELS_CHANGED = 1, 2
+_LATEST_S = 1e9  # a timestamp beyond is damaged
+_NORM_TOLERANCE = 0.02  # of a quaternion; it is rounded, but not by this much
+
+
+class TornError(Exception):
+    """The bytes are no whole frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame as streamed, in Motive's own axes.
+
+    identities (n,), positions (n, 3) m, quaternions (n, 4) x, y, z, w, errors (n,) m: mean marker
+    error, tracked (n,): whether the body is seen; the pose of one that is not says nothing.
+    timestamp: s since capture began. exposed (middle of the exposure), received, transmitted: the
+    server's high resolution clock in ticks, 0 where unknown. timecode, precise_time: two words
+    each, as they stand (0 where there are none).
+    """
+
+    number: int
+    identities: IntArray
+    positions: FloatArray
+    quaternions: FloatArray
+    errors: FloatArray
+    tracked: BoolArray
+    timestamp: float = 0.0
+    exposed: int = 0
+    received: int = 0
+    transmitted: int = 0
+    timecode: tuple[int, int] = (0, 0)
+    precise_time: tuple[int, int] = (0, 0)
+    recording: bool = False
+    models_changed: bool = False
+
+
+class _Cursor:
+    """Walks over bytes; whatever goes beyond their end raises TornError."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._at
+
+    def take(self, size: int) -> bytes:
+        if not 0 <= size <= self.left:
+            raise TornError
+        self._at += size
+        return self._data[self._at - size : self._at]
+
+    def unpack(self, layout: struct.Struct) -> tuple[int, ...]:
+        return layout.unpack(self.take(layout.size))
+
+    def count(self, item_bytes: int = 4) -> int:
+        """A count of items, each at least `item_bytes` long."""
+        (count,) = self.unpack(_INT)
+        if count < 0 or count * item_bytes > self.left:
+            raise TornError
+        return count
+
+    def skip_items(self, item_bytes: int) -> None:
+        self.take(self.count(item_bytes) * item_bytes)
+
+    def skip_name(self) -> None:
+        end = self._data.find(b"\0", self._at, self._at + _MAX_NAME)
+        if end < 0:
+            raise TornError
+        self._at = end + 1
+
+
+_INT = struct.Struct("<i")
+_TIMECODE = struct.Struct("<II")
+_TIMESTAMP = struct.Struct("<d")
+_STAMPS = struct.Struct("<QQQ")
+_PRECISE = struct.Struct("<II")
+_END = struct.Struct("<hi")
+
+
+def decode_frame(payload: bytes, version: Version) -> Frame:
+    """The frame in `payload` (without the packet's header). Raises TornError, and nothing else."""
+    cursor = _Cursor(payload)
+    (number,) = cursor.unpack(_INT)
+    _skip(cursor, version, _skip_marker_set)
+    _skip(cursor, version, lambda cursor, _: cursor.take(12))
+    bodies = _read_bodies(cursor, version)
+    _skip(cursor, version, _skip_skeleton)
+    if version >= (4, 1):
+        _skip(cursor, version, None)  # assets
+    _skip(cursor, version, lambda cursor, version: cursor.take(26 if version >= (3, 0) else 22))
+    if version >= (2, 9):
+        _skip(cursor, version, _skip_channels)  # force plates
+    if version >= (2, 11):
+        _skip(cursor, version, _skip_channels)  # devices
+    return _read_end(cursor, version, number, bodies)
+
+
+def _skip(
+    cursor: _Cursor, version: Version, skip_item: Callable[[_Cursor, Version], object] | None
+) -> None:
+    """Go over a section; skip_item: over one of its items, where the section has no size."""
+    if version >= (4, 1) or skip_item is None:
+        count, size = cursor.count(), cursor.count(1)
+        if 4 * count > size:
+            raise TornError
+        cursor.take(size)
+        return
+    for _ in range(cursor.count()):
+        skip_item(cursor, version)
+
+
+def _skip_marker_set(cursor: _Cursor, _: Version) -> None:
+    cursor.skip_name()
+    cursor.skip_items(12)
+
+
+def _skip_skeleton(cursor: _Cursor, version: Version) -> None:
+    cursor.take(4)
+    for _ in range(cursor.count()):
+        _take_body(cursor, version)
+
+
+def _skip_channels(cursor: _Cursor, _: Version) -> None:
+    """A force plate or a device: its number, and the samples of each of its channels."""
+    cursor.take(4)
+    for _channel in range(cursor.count()):
+        cursor.skip_items(4)
+
+
+def _take_body(cursor: _Cursor, version: Version) -> bytes:
+    """One rigid body as from 3.0 on; the markers that stand in older ones are left out."""
+    if version >= (3, 0):
+        return cursor.take(_BODY.itemsize)
+    pose = cursor.take(_POSE_BYTES)
+    cursor.skip_items(_MARKER_BYTES)
+    return pose + cursor.take(_BODY.itemsize - _POSE_BYTES)
+
+
+def _read_bodies(cursor: _Cursor, version: Version) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    count = cursor.count(_BODY.itemsize)
+    if version >= (4, 1) and cursor.count(1) != count * _BODY.itemsize:
+        raise TornError
+    data = b"".join(_take_body(cursor, version) for _ in range(count))
+    bodies = np.frombuffer(data, dtype=_BODY)
+    tracked = (bodies["flags"] & _TRACKED) != 0
+    with np.errstate(all="ignore"):  # damaged floats may be anything
+        norms = np.sqrt(np.sum(bodies["quaternion"].astype(float) ** 2, axis=1))
+    sound = np.abs(norms - 1.0) < _NORM_TOLERANCE
+    sound &= np.isfinite(bodies["position"]).all(axis=1)
+    if not np.all(sound | ~tracked):
+        raise TornError
+    return bodies
+
+
+def _read_end(
+    cursor: _Cursor,
+    version: Version,
+    number: int,
+    bodies: np.ndarray[tuple[int], np.dtype[np.void]],
+) -> Frame:
+    timecode, subframe = cursor.unpack(_TIMECODE)
+    (timestamp,) = _TIMESTAMP.unpack(cursor.take(_TIMESTAMP.size))
+    stamps = cursor.unpack(_STAMPS) if version >= (3, 0) else (0, 0, 0)
+    precise = (0, 0)
+    if version >= (4, 1) or (version == (4, 0) and cursor.left > _END.size):
+        seconds, fraction = cursor.unpack(_PRECISE)
+        precise = seconds, fraction
+    flags, end = cursor.unpack(_END)
+    if end != 0 or cursor.left or not abs(timestamp) < _LATEST_S:
+        raise TornError
+    return Frame(
+        number=number,
+        identities=bodies["identity"].astype(np.int64),
+        positions=bodies["position"].astype(float),
+        quaternions=bodies["quaternion"].astype(float),
+        errors=bodies["error"].astype(float),
+        tracked=(bodies["flags"] & _TRACKED) != 0,
+        timestamp=timestamp,
+        exposed=stamps[0],
+        received=stamps[1],
+        transmitted=stamps[2],
+        timecode=(timecode, subframe),
+        precise_time=precise,
+        recording=bool(flags & _RECORDING),
+        models_changed=bool(flags & _MODELS_CHANGED),
+    )
+
+
+def encode_frame(frame: Frame, version: Version) -> bytes:
+    """The payload that a server of `version` sends for `frame`: its bodies, and nothing else."""
+    bodies = np.zeros(len(frame.identities), dtype=_BODY)
+    bodies["identity"] = frame.identities
+    bodies["position"] = frame.positions
+    bodies["quaternion"] = frame.quaternions
+    bodies["error"] = frame.errors
+    bodies["flags"] = np.where(frame.tracked, _TRACKED, 0)
+    data = bodies.tobytes()
+    if version < (3, 0):
+        data = b"".join(_with_no_markers(body.tobytes()) for body in bodies)
+    size = _INT.pack(len(data)) if version >= (4, 1) else b""
+    empty = bytes(8 if version >= (4, 1) else 4)
+    # Skeletons and labelled markers, and what came with later versions, are all empty.
+    after = 2 + (version >= (4, 1)) + (version >= (2, 9)) + (version >= (2, 11))
+    parts = [
+        _INT.pack(frame.number) + 2 * empty,
+        _INT.pack(len(bodies)) + size + data + after * empty,
+        _TIMECODE.pack(*frame.timecode) + _TIMESTAMP.pack(frame.timestamp),
+    ]
+    if version >= (3, 0):
+        parts.append(_STAMPS.pack(frame.exposed, frame.received, frame.transmitted))
+    if version >= (4, 1):
+        parts.append(_PRECISE.pack(*frame.precise_time))
+    flags = frame.recording * _RECORDING | frame.models_changed * _MODELS_CHANGED
+    return b"".join([*parts, _END.pack(flags, 0)])
+
+
+def _with_no_markers(body: bytes) -> bytes:
+    return body[:_POSE_BYTES] + _INT.pack(0) + body[_POSE_BYTES:]
