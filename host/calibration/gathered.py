@@ -8,7 +8,7 @@ import numpy as np
 from host.config import Mocap, RobotConfig
 from host.errors import UserError
 from host.geometry import Path, to_frame, to_parent
-from host.messages import Bearings, Bodies, Displacement, FloatArray, IntArray, Message, Scan
+from host.messages import Bearings, Bodies, Displacement, FloatArray, IntArray, Message, Scan, Truth
 
 _GAP_S = 0.1  # a body lost for longer is not interpolated
 _NOBODY = Bodies(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
@@ -80,6 +80,18 @@ class Tracks:
     def relative(self, identity: int, times: FloatArray) -> FloatArray:
         """Positions (k, 2) m of a teammate in the robot frame at `times` (k,)."""
         return to_frame(self.body(identity, times)[:, :2], self.own(times))
+
+    def truths(self, times: FloatArray) -> list[Truth]:
+        """Where the teammates are at each of `times` (k,) at which they and the robot are seen."""
+        numbers = self.identities.tolist()
+        places = np.array([self.relative(number, times) for number in numbers])
+        places = places.reshape(len(numbers), len(times), 2)
+        found = []
+        for time, seen in zip(times.tolist(), np.swapaxes(places, 0, 1), strict=True):
+            tracked = np.isfinite(seen[:, 0])
+            if tracked.any():
+                found.append(Truth(time, self.identities[tracked], seen[tracked]))
+        return found
 
 
 class Gathered:

@@ -1,0 +1,75 @@
+"""Messages taken under one configuration, as another would have had them from the same devices.
+
+What was measured stays: ticks, samples, pixels. What the configuration made of it is made again:
+odometry from the wheels, times from the delays, bearings from lens and mounting. So a recording
+shows what a calibration is worth, and one recording serves every calibration.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from host.config import Eye, RobotConfig
+from host.drivers.differential_drive import displacement
+from host.geometry import wrap
+from host.messages import Bearings, Displacement, Message, Scan
+from host.perception.lens import View
+
+
+class Reinterpretation:
+    """From configuration `old` to `new`. What neither changes comes out as it went in."""
+
+    def __init__(self, old: RobotConfig, new: RobotConfig) -> None:
+        self._old, self._new = old, new
+        self._later_lidar = old.lidar.delay_s - new.lidar.delay_s
+        self._later_camera = old.camera.delay_s - new.camera.delay_s
+        self._noise = new.camera.bearing_noise_rad**2 - old.camera.bearing_noise_rad**2
+        self._views = {
+            name: (View(after), after.heading_rad - before.heading_rad)
+            for name, before, after in (
+                ("front", old.camera.front, new.camera.front),
+                ("rear", old.camera.rear, new.camera.rear),
+            )
+            if _placed(before) != _placed(after)
+        }
+
+    def of(self, message: Message) -> Message:
+        """The message as the new configuration has it."""
+        if isinstance(message, Displacement):
+            return self._displacement(message)
+        if isinstance(message, Scan) and self._later_lidar:
+            later = self._later_lidar
+            return dataclasses.replace(
+                message, time=message.time + later, times=message.times + later
+            )
+        if isinstance(message, Bearings):
+            return self._bearings(message)
+        return message
+
+    def _displacement(self, message: Displacement) -> Displacement:
+        if message.ticks is None or self._new.wheels == self._old.wheels:
+            return message
+        return displacement(self._new.wheels, message.time, message.interval, *message.ticks)
+
+    def _bearings(self, message: Bearings) -> Bearings:
+        if self._later_camera or self._noise:
+            message = dataclasses.replace(
+                message,
+                time=message.time + self._later_camera,
+                variances=np.maximum(message.variances + self._noise, 1e-8),
+            )
+        if message.eye not in self._views or message.pixels is None:
+            return message
+        view, turned = self._views[message.eye]
+        directions = view.directions_of(message.pixels)
+        return dataclasses.replace(
+            message,
+            bearings=np.arctan2(directions[:, 1], directions[:, 0]),
+            origin=(float(view.origin[0]), float(view.origin[1])),
+            view=(float(wrap(message.view[0] + turned)), message.view[1]),
+        )
+
+
+def _placed(eye: Eye) -> Eye:
+    """What of a camera matters to bearings."""
+    return eye.model_copy(update={"source": "none", "rate_hz": 30.0})
