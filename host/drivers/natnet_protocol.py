@@ -192,11 +192,18 @@ def bodies_of(frame: Frame, time: float, up: Up) -> Bodies:
 
 
 def frame_of(
-    bodies: Bodies, up: Up, number: int = 0, exposed: int = 0, height_m: float = 0.2
+    bodies: Bodies,
+    up: Up,
+    number: int = 0,
+    *,
+    exposed: int = 0,
+    received: int = 0,
+    transmitted: int = 0,
+    height_m: float = 0.2,
 ) -> Frame:
     """The frame that a server sends of bodies upright at `height_m`; the way back of `bodies_of`.
 
-    exposed: the server's clock, in ticks, at the exposure. A body at nan is one not tracked.
+    exposed, received, transmitted: as in `Frame`. A body at nan is one that is not tracked.
     """
     tracked: BoolArray = np.asarray(np.isfinite(bodies.poses).all(axis=1))
     x, y, heading = np.where(tracked, bodies.poses.T, 0.0)
@@ -215,6 +222,6 @@ def frame_of(
         tracked=tracked,
         timestamp=bodies.time,
         exposed=exposed,
-        received=exposed,
-        transmitted=exposed,
+        received=received,
+        transmitted=transmitted,
     )
