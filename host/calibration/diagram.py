@@ -1,0 +1,143 @@
+"""A calibration's pictures as SVG, drawn by matplotlib (the extra "report")."""
+
+import io
+import math
+import re
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from host.calibration.result import Picture, Series
+from host.messages import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Okabe and Ito's, told apart by the colour-blind too; markers tell series apart in grey.
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+_MARKERS = ("o", "s", "^", "D", "v", "x")
+_INK, _FAINT = "#1c2733", "#d8dee4"
+_SIZE_IN, _SQUARE_IN = (5.4, 3.3), (5.4, 4.6)
+_MANY = 1500  # points from here on are painted as one bitmap, so that the file stays small
+_STYLE: Any = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "swarmloc",  # else the same picture differs from run to run
+    "text.parse_math": False,  # a $ in a name is a $
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so looks the same everywhere
+    "font.size": 9.0,
+    "axes.edgecolor": "#8a97a3",
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.8,
+    "xtick.color": "#4a5763",
+    "ytick.color": "#4a5763",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
+
+
+def svg(picture: Picture, number: int) -> str:
+    """The picture as an <svg> element; `number` keeps its ids apart from other pictures'.
+
+    Raises ImportError where matplotlib is not installed.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_STYLE):
+        size = _SQUARE_IN if picture.equal else _SIZE_IN
+        figure = Figure(figsize=size, dpi=150, layout="constrained")
+        _draw(figure.add_subplot(), picture)
+        text = io.StringIO()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(text, format="svg", metadata=nothing)
+    element = text.getvalue()
+    element = element[element.index("<svg") :].strip()
+    element = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>p{number}-", element)
+    element = re.sub(r"<!--.*?-->\n?", "", element, flags=re.DOTALL)
+    return "\n".join(line.strip() for line in element.split("\n"))
+
+
+def _draw(axes: "Axes", picture: Picture) -> None:
+    axes.set_xlabel(picture.x_label)
+    axes.set_ylabel(picture.y_label)
+    axes.grid(color=_FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    if picture.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    bars = [series for series in picture.series if series.style == "bars"]
+    looks = zip(cycle(_COLOURS), cycle(_MARKERS))
+    drawn = False
+    for series, (colour, marker) in zip(picture.series, looks, strict=False):
+        x, y = _finite(series)
+        if not np.isfinite(x + y).any():
+            continue
+        drawn = True
+        if series.style == "bars":
+            _bars(axes, series, bars, colour)
+        elif series.style == "line":
+            axes.plot(x, y, color=colour, linewidth=1.4, label=series.label)
+        else:
+            _points(axes, x, y, colour, marker, series.label)
+    if not drawn:
+        axes.text(0.5, 0.5, "no data", transform=axes.transAxes, ha="center", color="#4a5763")
+    if any(series.label for series in picture.series) and drawn:
+        _legend(axes)
+
+
+def _finite(series: Series) -> tuple[FloatArray, FloatArray]:
+    """x and y, with nan (a gap in a line) where one of both is not finite."""
+    x, y = (np.asarray(values, dtype=float).ravel() for values in (series.x, series.y))
+    good = np.isfinite(x) & np.isfinite(y)
+    return np.where(good, x, math.nan), np.where(good, y, math.nan)
+
+
+def _points(
+    axes: "Axes", x: FloatArray, y: FloatArray, colour: str, marker: str, label: str
+) -> None:
+    count = int(np.isfinite(x).sum())
+    axes.plot(
+        x,
+        y,
+        linestyle="none",
+        marker=marker,
+        markersize=6.0 if count < 10 else 3.6 if count < 300 else 2.2,
+        markeredgewidth=1.0 if marker == "x" else 0.0,
+        color=colour,
+        alpha=0.9 if count < 300 else 0.45,
+        rasterized=count > _MANY,
+        label=label,
+    )
+
+
+def _bars(axes: "Axes", series: Series, bars: list[Series], colour: str) -> None:
+    """Bars around x; those of several series stand side by side."""
+    x, y = _finite(series)
+    apart = np.diff(np.unique(x[np.isfinite(x)]))
+    width = 0.86 * float(apart.min()) / len(bars) if len(apart) else 0.8 / len(bars)
+    place = next(k for k, other in enumerate(bars) if other is series)
+    shift = (place - 0.5 * (len(bars) - 1)) * width
+    good = np.isfinite(x)
+    axes.bar(x[good] + shift, y[good], width=width, color=colour, label=series.label)
+
+
+def _legend(axes: "Axes") -> None:
+    """Above the picture, where it hides nothing; its marks as strong as can be."""
+    handles, labels = axes.get_legend_handles_labels()
+    named = [(h, label) for h, label in zip(handles, labels, strict=True) if label]
+    if not named:
+        return
+    legend = axes.legend(
+        *zip(*named, strict=True),
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncol=min(3, len(named)),
+        borderaxespad=0.2,
+        handletextpad=0.5,
+        columnspacing=1.4,
+    )
+    for mark in legend.get_lines():
+        mark.set_alpha(1.0)
+        if mark.get_linestyle() == "None":
+            mark.set_markersize(5.0)

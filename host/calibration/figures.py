@@ -1,0 +1,149 @@
+"""A calibration's numbers as people and programs read them: console table and JSON."""
+
+import math
+import textwrap
+from typing import Any
+
+from host.calibration.result import Calibration, Check, Fitted
+
+_COLUMNS = 80
+
+
+def value_and_sigma(row: Fitted) -> str:
+    """As "2.981 ± 0.021 deg": two digits of the sigma, and as many of the value as it allows."""
+    value, sigma = row.value * row.scale, row.sigma * row.scale
+    if not (math.isfinite(sigma) and sigma > 0.0):
+        return row.shown(row.value)
+    decimals = _decimals(sigma)
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {row.unit}".rstrip()
+
+
+def limit(row: Fitted) -> str:
+    """The largest sigma that will do, with its unit; "" where any will."""
+    return "" if row.limit is None else f"{row.limit * row.scale:.3g} {row.unit}".rstrip()
+
+
+def value_alike(row: Fitted, value: float) -> str:
+    """Another value of the same row, with as many digits and no unit."""
+    if not math.isfinite(value):
+        return "–"
+    if not (math.isfinite(row.sigma) and row.sigma > 0.0):
+        return f"{value * row.scale:.4g}"
+    return f"{value * row.scale:.{_decimals(row.sigma * row.scale)}f}"
+
+
+def _decimals(sigma: float) -> int:
+    return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
+
+
+def verdict(row: Fitted | Check) -> str:
+    """ "ok", "fails", or "" where nothing is asked of it."""
+    if isinstance(row, Check):
+        return "ok" if row.passed else "fails"
+    if row.failure:
+        return "fails"
+    return "ok" if row.limit is not None else ""
+
+
+def found(check: Check) -> str:
+    """What a check found, with its unit."""
+    return f"{check.value:.4g} {check.unit}".rstrip() if math.isfinite(check.value) else "–"
+
+
+def needed(check: Check) -> str:
+    """What a check needs: the threshold, on the side of it that the verdict tells."""
+    if not math.isfinite(check.threshold):
+        return ""
+    over = check.value > check.threshold
+    side = "≥ " if over == check.passed else "≤ "
+    if not math.isfinite(check.value) or check.value == check.threshold:
+        side = ""
+    return f"{side}{check.threshold:.4g} {check.unit}".rstrip()
+
+
+def as_text(calibration: Calibration) -> str:
+    """The console's table, 80 columns wide; the verdict comes last."""
+    lines = [
+        _row(f"{calibration.kind} calibration", "value ± sigma", "sigma at most", "before", "")
+    ]
+    for row in calibration.fitted:
+        before = "" if row.before is None else value_alike(row, row.before)
+        lines.append(_row(row.name, value_and_sigma(row), limit(row), before, verdict(row)))
+    if calibration.checks:
+        lines += ["", _row("checks", "found", "needed", "", "")]
+        lines += [
+            _row(check.name, found(check), needed(check), "", verdict(check))
+            for check in calibration.checks
+        ]
+    if calibration.residuals:
+        lines += ["", textwrap.fill(f"residuals: {calibration.residuals}", _COLUMNS)]
+    return "\n".join([*lines, "", _conclusion(calibration)])
+
+
+def _row(name: str, value: str, bound: str, before: str, word: str) -> str:
+    """One line; a name too long for its column has a line of its own."""
+    rest = f"{value:>22} {bound:>13} {before:>9}  {word}".rstrip()
+    if len(name) <= 26:
+        return f"{name:26} {rest}"
+    return "\n".join([*textwrap.wrap(name, _COLUMNS), f"{'':26} {rest}"])
+
+
+def _conclusion(calibration: Calibration) -> str:
+    failures = calibration.failures
+    if not failures:
+        return "passed"
+    points = (
+        textwrap.fill(failure, _COLUMNS, initial_indent="- ", subsequent_indent="  ")
+        for failure in failures
+    )
+    return "\n".join(["not to be used:", *points])
+
+
+def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
+    """The same figures for programs: SI units, null where there is no number."""
+    return {
+        "kind": calibration.kind,
+        "source": source,
+        "date": date,
+        "passed": not calibration.failures,
+        "failures": calibration.failures,
+        "fitted": [
+            {
+                "key": row.key,
+                "name": row.name,
+                "value": _json(row.value),
+                "sigma": _json(row.sigma),
+                "limit": _json(row.limit),
+                "before": _json(row.before),
+                "halves": _json(row.halves),
+                "shown": value_and_sigma(row),
+                "passed": not row.failure,
+            }
+            for row in calibration.fitted
+        ],
+        "checks": [
+            {
+                "name": check.name,
+                "value": _json(check.value),
+                "threshold": _json(check.threshold),
+                "unit": check.unit,
+                "passed": bool(check.passed),
+                "advice": check.advice,
+            }
+            for check in calibration.checks
+        ],
+        "residuals": calibration.residuals,
+        "settings": _json(calibration.new_settings()),
+        "figures": _json(calibration.figures),
+    }
+
+
+def _json(value: Any) -> Any:
+    """A value as JSON has it: plain numbers, lists and dicts; what is not finite is null."""
+    if hasattr(value, "tolist"):  # of numpy
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _json(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
