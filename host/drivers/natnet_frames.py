@@ -12,9 +12,11 @@ Source: the packet layout of OptiTrack's NatNet SDK 2.7 to 4.1. Its Python sampl
 time from 4.0 and its C++ sample from 4.1; 4.0 is read either way here, by what is left of it.
 """
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,15 +25,7 @@ from host.messages import BoolArray, FloatArray, IntArray
 Version = tuple[int, int]
 OLDEST: Version = (2, 7)
 
-_BODY = np.dtype(
-    [
-        ("identity", "<i4"),
-        ("position", "<f4", 3),
-        ("quaternion", "<f4", 4),
-        ("error", "<f4"),
-        ("flags", "<i2"),
-    ]
-)
+_BODY = struct.Struct("<i3f4ffh")  # number, position, quaternion, error, flags
 _POSE_BYTES = 32  # of a body up to its quaternion; before 3.0 its markers follow
 _MARKER_BYTES = 12 + 4 + 4  # position, number and size of a marker in a body
 _MAX_NAME = 256
@@ -73,7 +67,7 @@ class Frame:
 
 
 class _Cursor:
-    """Walks over bytes; whatever goes beyond their end raises TornError."""
+    """Walks over bytes; whatever goes beyond their end raises TornError or struct.error."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -84,23 +78,28 @@ class _Cursor:
         return len(self._data) - self._at
 
     def take(self, size: int) -> bytes:
+        self.skip(size)
+        return self._data[self._at - size : self._at]
+
+    def skip(self, size: int) -> None:
         if not 0 <= size <= self.left:
             raise TornError
         self._at += size
-        return self._data[self._at - size : self._at]
 
     def unpack(self, layout: struct.Struct) -> tuple[int, ...]:
-        return layout.unpack(self.take(layout.size))
+        values = layout.unpack_from(self._data, self._at)
+        self._at += layout.size
+        return values
 
     def count(self, item_bytes: int = 4) -> int:
         """A count of items, each at least `item_bytes` long."""
         (count,) = self.unpack(_INT)
-        if count < 0 or count * item_bytes > self.left:
+        if not 0 <= count * item_bytes <= self.left:
             raise TornError
         return count
 
     def skip_items(self, item_bytes: int) -> None:
-        self.take(self.count(item_bytes) * item_bytes)
+        self.skip(self.count(item_bytes) * item_bytes)
 
     def skip_name(self) -> None:
         end = self._data.find(b"\0", self._at, self._at + _MAX_NAME)
@@ -120,14 +119,21 @@ _END = struct.Struct("<hi")
 def decode_frame(payload: bytes, version: Version) -> Frame:
     """The frame in `payload` (without the packet's header). Raises TornError, and nothing else."""
     cursor = _Cursor(payload)
+    try:
+        return _decode(cursor, version)
+    except struct.error as error:
+        raise TornError from error
+
+
+def _decode(cursor: _Cursor, version: Version) -> Frame:
     (number,) = cursor.unpack(_INT)
     _skip(cursor, version, _skip_marker_set)
-    _skip(cursor, version, lambda cursor, _: cursor.take(12))
+    _skip(cursor, version, 12)  # other markers
     bodies = _read_bodies(cursor, version)
     _skip(cursor, version, _skip_skeleton)
     if version >= (4, 1):
-        _skip(cursor, version, None)  # assets
-    _skip(cursor, version, lambda cursor, version: cursor.take(26 if version >= (3, 0) else 22))
+        _skip(cursor, version, 1)  # assets
+    _skip(cursor, version, 26 if version >= (3, 0) else 22)  # labelled markers
     if version >= (2, 9):
         _skip(cursor, version, _skip_channels)  # force plates
     if version >= (2, 11):
@@ -136,17 +142,19 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
 
 
 def _skip(
-    cursor: _Cursor, version: Version, skip_item: Callable[[_Cursor, Version], object] | None
+    cursor: _Cursor, version: Version, item: int | Callable[[_Cursor, Version], None]
 ) -> None:
-    """Go over a section; skip_item: over one of its items, where the section has no size."""
-    if version >= (4, 1) or skip_item is None:
+    """Go over a section. item: bytes of each, or how to go over one that has no fixed size."""
+    if version >= (4, 1):
         count, size = cursor.count(), cursor.count(1)
         if 4 * count > size:
             raise TornError
-        cursor.take(size)
-        return
-    for _ in range(cursor.count()):
-        skip_item(cursor, version)
+        cursor.skip(size)
+    elif isinstance(item, int):
+        cursor.skip_items(item)
+    else:
+        for _ in range(cursor.count()):
+            item(cursor, version)
 
 
 def _skip_marker_set(cursor: _Cursor, _: Version) -> None:
@@ -155,14 +163,14 @@ def _skip_marker_set(cursor: _Cursor, _: Version) -> None:
 
 
 def _skip_skeleton(cursor: _Cursor, version: Version) -> None:
-    cursor.take(4)
+    cursor.skip(4)
     for _ in range(cursor.count()):
         _take_body(cursor, version)
 
 
 def _skip_channels(cursor: _Cursor, _: Version) -> None:
     """A force plate or a device: its number, and the samples of each of its channels."""
-    cursor.take(4)
+    cursor.skip(4)
     for _channel in range(cursor.count()):
         cursor.skip_items(4)
 
@@ -170,57 +178,53 @@ def _skip_channels(cursor: _Cursor, _: Version) -> None:
 def _take_body(cursor: _Cursor, version: Version) -> bytes:
     """One rigid body as from 3.0 on; the markers that stand in older ones are left out."""
     if version >= (3, 0):
-        return cursor.take(_BODY.itemsize)
+        return cursor.take(_BODY.size)
     pose = cursor.take(_POSE_BYTES)
     cursor.skip_items(_MARKER_BYTES)
-    return pose + cursor.take(_BODY.itemsize - _POSE_BYTES)
+    return pose + cursor.take(_BODY.size - _POSE_BYTES)
 
 
-def _read_bodies(cursor: _Cursor, version: Version) -> np.ndarray[tuple[int], np.dtype[np.void]]:
-    count = cursor.count(_BODY.itemsize)
-    if version >= (4, 1) and cursor.count(1) != count * _BODY.itemsize:
+def _read_bodies(cursor: _Cursor, version: Version) -> list[tuple[Any, ...]]:
+    """The fields of `_BODY` of each rigid body."""
+    count = cursor.count(_BODY.size)
+    if version >= (4, 1) and cursor.count(1) != count * _BODY.size:
         raise TornError
     data = b"".join(_take_body(cursor, version) for _ in range(count))
-    bodies = np.frombuffer(data, dtype=_BODY)
-    tracked = (bodies["flags"] & _TRACKED) != 0
-    with np.errstate(all="ignore"):  # damaged floats may be anything
-        norms = np.sqrt(np.sum(bodies["quaternion"].astype(float) ** 2, axis=1))
-    sound = np.abs(norms - 1.0) < _NORM_TOLERANCE
-    sound &= np.isfinite(bodies["position"]).all(axis=1)
-    if not np.all(sound | ~tracked):
-        raise TornError
+    bodies = list(_BODY.iter_unpack(data))
+    for _, x, y, z, qx, qy, qz, qw, _, flags in bodies:
+        norm = qx * qx + qy * qy + qz * qz + qw * qw
+        sound = abs(norm - 1.0) < _NORM_TOLERANCE and math.isfinite(x + y + z)
+        if flags & _TRACKED and not sound:
+            raise TornError
     return bodies
 
 
 def _read_end(
-    cursor: _Cursor,
-    version: Version,
-    number: int,
-    bodies: np.ndarray[tuple[int], np.dtype[np.void]],
+    cursor: _Cursor, version: Version, number: int, bodies: list[tuple[Any, ...]]
 ) -> Frame:
     timecode, subframe = cursor.unpack(_TIMECODE)
-    (timestamp,) = _TIMESTAMP.unpack(cursor.take(_TIMESTAMP.size))
+    (timestamp,) = cursor.unpack(_TIMESTAMP)
     stamps = cursor.unpack(_STAMPS) if version >= (3, 0) else (0, 0, 0)
-    precise = (0, 0)
+    seconds = fraction = 0
     if version >= (4, 1) or (version == (4, 0) and cursor.left > _END.size):
         seconds, fraction = cursor.unpack(_PRECISE)
-        precise = seconds, fraction
     flags, end = cursor.unpack(_END)
     if end != 0 or cursor.left or not abs(timestamp) < _LATEST_S:
         raise TornError
+    numbers = np.array([body[1:9] for body in bodies], dtype=float).reshape(-1, 8)
     return Frame(
         number=number,
-        identities=bodies["identity"].astype(np.int64),
-        positions=bodies["position"].astype(float),
-        quaternions=bodies["quaternion"].astype(float),
-        errors=bodies["error"].astype(float),
-        tracked=(bodies["flags"] & _TRACKED) != 0,
+        identities=np.array([body[0] for body in bodies], dtype=np.int64),
+        positions=numbers[:, :3],
+        quaternions=numbers[:, 3:7],
+        errors=numbers[:, 7],
+        tracked=np.array([body[9] & _TRACKED for body in bodies], dtype=bool),
         timestamp=timestamp,
         exposed=stamps[0],
         received=stamps[1],
         transmitted=stamps[2],
         timecode=(timecode, subframe),
-        precise_time=precise,
+        precise_time=(seconds, fraction),
         recording=bool(flags & _RECORDING),
         models_changed=bool(flags & _MODELS_CHANGED),
     )
@@ -228,15 +232,20 @@ def _read_end(
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
     """The payload that a server of `version` sends for `frame`: its bodies, and nothing else."""
-    bodies = np.zeros(len(frame.identities), dtype=_BODY)
-    bodies["identity"] = frame.identities
-    bodies["position"] = frame.positions
-    bodies["quaternion"] = frame.quaternions
-    bodies["error"] = frame.errors
-    bodies["flags"] = np.where(frame.tracked, _TRACKED, 0)
-    data = bodies.tobytes()
+    bodies = [
+        _BODY.pack(identity, *position, *quaternion, error, _TRACKED if tracked else 0)
+        for identity, position, quaternion, error, tracked in zip(
+            frame.identities.tolist(),
+            frame.positions.tolist(),
+            frame.quaternions.tolist(),
+            frame.errors.tolist(),
+            frame.tracked.tolist(),
+            strict=True,
+        )
+    ]
     if version < (3, 0):
-        data = b"".join(_with_no_markers(body.tobytes()) for body in bodies)
+        bodies = [body[:_POSE_BYTES] + _INT.pack(0) + body[_POSE_BYTES:] for body in bodies]
+    data = b"".join(bodies)
     size = _INT.pack(len(data)) if version >= (4, 1) else b""
     empty = bytes(8 if version >= (4, 1) else 4)
     # Skeletons and labelled markers, and what came with later versions, are all empty.
@@ -252,7 +261,3 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
         parts.append(_PRECISE.pack(*frame.precise_time))
     flags = frame.recording * _RECORDING | frame.models_changed * _MODELS_CHANGED
     return b"".join([*parts, _END.pack(flags, 0)])
-
-
-def _with_no_markers(body: bytes) -> bytes:
-    return body[:_POSE_BYTES] + _INT.pack(0) + body[_POSE_BYTES:]
