@@ -2,6 +2,7 @@
 
 The real drivers open the terminals as they would open serial ports. Its cameras are two streams of
 pictures in named pipes or, where the scenario renders none, a thread that tells their bearings.
+Motion capture, where the scenario has it, is a NatNet server on this computer.
 """
 
 import contextlib
@@ -20,9 +21,10 @@ from typing import Protocol, Self
 from host.config import RobotConfig
 from host.drivers.x4_commands import RESET
 from host.errors import UserError
-from host.messages import Bearings, Health, Message, Truth
+from host.messages import Bearings, FloatArray, Health, IntArray, Message, Truth
 from host.simulation.board import STAND_IN, BoardKind
 from host.simulation.live_cameras import LiveCameras
+from host.simulation.natnet_server import NatNetServer
 from host.simulation.pictures import Surroundings
 from host.simulation.scenarios import Scenario
 from host.simulation.world import Simulation
@@ -149,6 +151,13 @@ class LiveSimulation:
             told, true = self.config.camera, self._simulation.built.camera
             self._pictures = LiveCameras(folder, scenario, told, true, self._surroundings, clock)
             self.config = self.config.model_copy(update={"camera": self._pictures.camera})
+        self._running = contextlib.ExitStack()
+        self._mocap: NatNetServer | None = None
+        if scenario.mocap_hz:
+            self._mocap = NatNetServer(self._bodies, scenario.mocap_hz, clock)
+            mocap = {"source": "natnet", "natnet": self._mocap.config}
+            mocap_config = self.config.mocap.model_copy(update=mocap)
+            self.config = self.config.model_copy(update={"mocap": mocap_config})
 
     def __enter__(self) -> Self:
         self._start = self.clock()
@@ -156,6 +165,8 @@ class LiveSimulation:
         self._pump.start()
         if self._pictures is not None:
             self._pictures.start(self._start)
+        if self._mocap is not None:
+            self._running.enter_context(self._mocap)
         return self
 
     def __exit__(
@@ -168,6 +179,7 @@ class LiveSimulation:
         self._pump.join()
         if self._pictures is not None:
             self._pictures.stop()
+        self._running.close()
         for terminal, _ in self._ports.values():
             terminal.unplug()
         self._folder.cleanup()
@@ -190,6 +202,11 @@ class LiveSimulation:
             bearings = self._simulation.camera.bearings(time)
         arrival = self._start + time + scenario.camera_delay_s
         return arrival, replace(bearings, time=arrival - self.config.camera.delay_s)
+
+    def _bodies(self, time: float) -> tuple[IntArray, FloatArray]:
+        with self._lock:
+            seen = self._simulation.bodies(time - self._start)
+        return seen.identities, seen.poses
 
     def _surroundings(self, time: float) -> Surroundings:
         with self._lock:

@@ -8,6 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from host.config import RobotConfig
+from host.drivers import natnet_protocol
+from host.drivers.natnet_frames import Frame, Version
+from host.drivers.natnet_protocol import bodies_of, frame_of, frame_packet
 from host.drivers.romeo_session import Session
 from host.drivers.x4_commands import SCAN
 from host.drivers.x4_protocol import Decoder
@@ -27,6 +30,7 @@ OBSERVER = 0
 TRUTH_HZ = 10.0
 _TICK_S = 0.1
 _TALKS = 5  # of host and board a tick
+_NATNET: Version = (4, 1)  # as the simulated motion capture streams
 
 Arrival = tuple[float, Message]
 
@@ -55,6 +59,7 @@ class Simulation:
         self.board = board.make(self._encoders.ticks)
         self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
         self._decoder = Decoder()
+        self._natnet = natnet_protocol.Decoder(_NATNET)
         self._session = Session(self.config)
         self._talked = 0.0
         self._frames = 0
@@ -135,8 +140,11 @@ class Simulation:
         if not self.scenario.mocap_hz:
             return
         while (time := self._exposures / self.scenario.mocap_hz) <= now:
+            packet = frame_packet(frame_of(self.bodies(time), "y", self._exposures), _NATNET)
             self._exposures += 1
-            yield time, self.bodies(time)
+            frame = self._natnet.feed(packet)
+            if isinstance(frame, Frame):
+                yield time, bodies_of(frame, time, "y")
 
     def _seen(self, time: float) -> list[Bearings]:
         """What the image pair taken at `time` (s) shows, as one or, where rendered, as two."""

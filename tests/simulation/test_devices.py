@@ -8,9 +8,12 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from host.calibration.gathered import Tracks
 from host.config import Motors, RobotConfig
+from host.drivers.natnet import NatNetClient
 from host.drivers.romeo import Romeo
 from host.drivers.serial_port import open_port, read_available
 from host.drivers.x4 import X4
@@ -18,7 +21,7 @@ from host.drivers.x4_commands import INFO, SCAN, DeviceInfo
 from host.drivers.x4_packets import BAUDRATE
 from host.drivers.x4_protocol import Decoder
 from host.errors import UserError
-from host.messages import Bearings, Displacement, Health, Message, Scan
+from host.messages import Bearings, Bodies, Displacement, Health, Message, Scan
 from host.simulation.board import BoardKind, best_board
 from host.simulation.devices import LiveSimulation, Terminal
 from host.simulation.romeo_device import RomeoStandIn
@@ -218,3 +221,18 @@ def test_only_known_devices_can_be_unplugged() -> None:
     with pytest.raises(UserError, match="lidar, board") as caught:
         LiveSimulation(ARENA, RobotConfig(), {"lidr": [(0.0, 1.0)]})
     assert "lidar=2-4" in caught.value.next_step
+
+
+def test_motion_capture_is_a_server_that_the_real_client_reads() -> None:
+    inbox = Inbox()
+    scenario = parse("arena4:seed=2,mocap_hz=50,mocap_noise_mm=0,mocap_noise_deg=0")
+    with LiveSimulation(scenario, RobotConfig()) as live, Threads() as threads:
+        assert live.config.mocap.source == "natnet"
+        threads.start(NatNetClient(live.config.mocap.natnet), inbox)
+        frames = inbox.wait_for(Bodies, 30)
+        tracks = Tracks(frames, live.config.mocap)
+        assert tracks.identities.tolist() == [2, 3, 4]
+        for frame in frames[5::5]:
+            (seen,) = tracks.truths(np.array([frame.time]))
+            # 3 mm: a tenth of that are a millisecond of driving.
+            assert seen.positions == pytest.approx(live.truth(frame.time).positions, abs=3e-3)
