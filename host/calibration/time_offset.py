@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.errors import UserError
-from host.geometry import rotation
+from host.geometry import rotation, to_parent
 from host.messages import FloatArray
 
 _TUKEY = 4.685  # 95 % efficient where errors are normal
@@ -21,7 +21,7 @@ _ROUNDS, _SETTLED = 50, 1e-8
 _SLOPE_S = 0.01  # half the interval over which the true path's velocity is taken
 _LEAST_PAIRS = 12
 _SINGULAR = 1e-10
-_CORRELATED_S = 3.0  # errors further apart in time are taken to be independent
+CORRELATED_S = 3.0  # errors further apart in time are taken to be independent
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,10 @@ def scan(cost: Callable[[float], float], low: float, high: float, step: float) -
 class JointFit:
     """A sensor's mounting and delay at once.
 
-    values (4,): x, y (m), heading (rad), delay (s). covariance (4, 4): of these; infinite where
-    the path does not tell them apart. errors (n, 2) m: where each reading lies, less the truth,
-    nan where there is no truth. weights (n,): from 0 (a wrong pair) to 1.
+    values (5,): x, y (m), heading (rad), delay (s), and by how much it measures too far (m).
+    covariance (5, 5): of these; infinite where the path does not tell them apart. errors (n, 2) m:
+    where each reading lies, less the truth, nan where there is none; the last value is left in.
+    weights (n,): from 0 (a wrong pair) to 1.
     """
 
     values: FloatArray
@@ -92,9 +93,12 @@ def fit_jointly(
 
     sigmas (n,): standard deviations of the points per axis, up to a common factor. truth: where
     the things measured were in the robot frame, (n, 2) m at any times (n,); nan where unknown.
-    start (4,): values to begin with, whose wrong pairs are less than half. Gauss-Newton with
+    start (5,): values to begin with, whose wrong pairs are less than half. Gauss-Newton with
     Tukey's weights; the covariance is that of sums over blocks of 3 s (a sandwich), since errors
     near in time are alike. Raises UserError where fewer than 12 pairs have a truth.
+
+    That all ranges are too long is fitted too: where teammates were not seen evenly all around,
+    it would pass for a mounting that is off.
     """
     values = np.array(start, dtype=float)
     for _ in range(_ROUNDS):
@@ -110,8 +114,8 @@ def fit_jointly(
             break
     errors, slopes, weights, bends = _linearise(points, times, sigmas, truth, values)
     covariance = _sandwich(errors, slopes, weights, bends, sigmas, times)
-    errors[np.isnan(truth(times - values[3])).any(axis=1)] = math.nan
-    return JointFit(values, covariance, errors, weights)
+    placed = to_parent(points, values[:3])
+    return JointFit(values, covariance, placed - truth(times - values[3]), weights)
 
 
 def _linearise(
@@ -121,18 +125,21 @@ def _linearise(
     truth: Callable[[FloatArray], FloatArray],
     values: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Errors (n, 2), their slopes (n, 2, 4), Tukey's weights (n,), and how these fall (n,).
+    """Errors (n, 2), their slopes (n, 2, 5), Tukey's weights (n,), and how these fall (n,).
 
     Without a truth, all are 0.
     """
-    x, y, heading, delay = values
-    placed = points @ rotation(heading).T
+    x, y, heading, delay, too_far = values
+    turned = points @ rotation(heading).T
+    beams = turned / np.maximum(np.hypot(*turned.T), 1e-9)[:, None]
+    placed = turned - too_far * beams
     errors = placed + np.array([x, y]) - truth(times - delay)
     velocity = truth(times - delay + _SLOPE_S) - truth(times - delay - _SLOPE_S)
-    slopes = np.zeros((len(points), 2, 4))
+    slopes = np.zeros((len(points), 2, len(values)))
     slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
     slopes[:, 0, 2], slopes[:, 1, 2] = -placed[:, 1], placed[:, 0]
     slopes[:, :, 3] = velocity / (2.0 * _SLOPE_S)
+    slopes[:, :, 4] = -beams
     known = np.isfinite(errors).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
     if np.count_nonzero(known) < _LEAST_PAIRS:
         raise UserError(
@@ -155,17 +162,17 @@ def _sandwich(
     sigmas: FloatArray,
     times: FloatArray,
 ) -> FloatArray:
-    """Covariance (4, 4) of the fit, by how much sums of its gradient scatter over blocks."""
+    """Covariance (5, 5) of the fit, by how much sums of its gradient scatter over blocks."""
     scaled, tilted = errors / sigmas[:, None], slopes / sigmas[:, None, None]
     pulls = np.einsum("na,nai->ni", scaled, tilted)
     hessian = np.einsum("n,nai,naj->ij", weights, tilted, tilted) + (pulls.T * bends) @ pulls
-    block = np.unique(np.floor(times / _CORRELATED_S), return_inverse=True)[1]
-    sums = np.zeros((int(block.max()) + 1, 4))
+    block = np.unique(np.floor(times / CORRELATED_S), return_inverse=True)[1]
+    sums = np.zeros((int(block.max()) + 1, slopes.shape[2]))
     np.add.at(sums, block, weights[:, None] * pulls)
     size = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     relative = hessian / np.outer(size, size)
     if len(sums) <= len(size) or np.linalg.eigvalsh(relative)[0] < _SINGULAR:
-        return np.full((4, 4), math.inf)
+        return np.full((len(size), len(size)), math.inf)
     back = np.linalg.inv(relative) / np.outer(size, size)
     spread = sums.T @ sums * (len(sums) / (len(sums) - len(size)))
     found: FloatArray = back @ spread @ back
