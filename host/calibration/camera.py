@@ -213,23 +213,15 @@ def _checks(
     gathered: Gathered, fit: CameraFit, halves: Halves, table: Mapping[int, list[Sector]]
 ) -> tuple[Check, ...]:
     checks = []
+    sigma = 1000.0 * math.sqrt(fit.covariance[-1, -1])
     for number, found in table.items():
         checks.append(_views(EYES[number], found))
         if fit.fitted[number]:
-            checks += [_bearings(EYES[number], found), *_sound(fit, number)]
-    used = 100.0 * float(np.mean(fit.used))
-    checks.append(
-        Check(
-            name="strips where a teammate was",
-            value=used,
-            threshold=_USED_PERCENT,
-            unit="%",
-            passed=used >= _USED_PERCENT,
-            advice="take away what else has the strip's colour, or narrow the colour; check the "
-            "strip's height in [camera.strip], and motion capture for bodies it loses",
-        )
-    )
-    sigma = 1000.0 * math.sqrt(fit.covariance[-1, -1])
+            checks += [
+                _bearings(EYES[number], found, sigma <= _DELAY_MS),
+                _explained(fit, number),
+                *_sound(fit, number),
+            ]
     checks.append(
         Check(
             name="sigma of the delay",
@@ -257,7 +249,7 @@ def _views(name: str, found: list[Sector]) -> Check:
     )
 
 
-def _bearings(name: str, found: list[Sector]) -> Check:
+def _bearings(name: str, found: list[Sector], timed: bool) -> Check:
     seen = [sector for sector in found if sector.pairs >= LEAST_VIEWS]
     worst = max((math.degrees(sector.sigma_rad) for sector in seen), default=math.inf)
     bad = [sector for sector in seen if not math.degrees(sector.sigma_rad) <= _SIGMA_DEG]
@@ -267,8 +259,23 @@ def _bearings(name: str, found: list[Sector]) -> Check:
         threshold=_SIGMA_DEG,
         unit="deg",
         passed=bool(seen) and not bad,
-        advice=f"{name} camera knows bearings badly {in_words(bad, found)}: record for longer, with "
-        "teammates there, near (0.5 m) and far (2 m)",
+        advice=f"{name} camera knows bearings badly {in_words(bad, found)}: record for longer, "
+        "with teammates there, near (0.5 m) and far (2 m)"
+        if timed
+        else "as long as the delay is not known, neither is where the camera looks",
+    )
+
+
+def _explained(fit: CameraFit, number: int) -> Check:
+    used = 100.0 * float(np.mean(fit.used[fit.pairs.strips.eyes == number]))
+    return Check(
+        name=f"{EYES[number]} camera: strips where a teammate was",
+        value=used,
+        threshold=_USED_PERCENT,
+        unit="%",
+        passed=used >= _USED_PERCENT,
+        advice="take away what else has the strip's colour, or narrow the colour; check the "
+        "strip's height in [camera.strip], and motion capture for bodies it loses",
     )
 
 

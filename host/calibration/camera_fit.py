@@ -25,7 +25,6 @@ from host.calibration.camera_model import (
 )
 from host.calibration.camera_pairs import EYES, Reference, Strips
 from host.config import Camera, Eye
-from host.geometry import wrap
 from host.messages import BoolArray, FloatArray, IntArray
 from host.perception.lens import Lens, View
 
@@ -38,8 +37,8 @@ _SHIFT_S = 0.02  # over which velocities are taken
 
 _COARSE_HEADINGS = np.radians(np.arange(-32.0, 33.0, 4.0))
 _COARSE_FOCALS = np.array([0.85, 0.92, 1.0, 1.08, 1.17])
-_COARSE_DELAY_S, _COARSE_RAD, _COARSE_STRIPS = 0.04, math.radians(4.0), 300
-_STARTS = 2  # the delays that explain most, of the coarse search
+_COARSE_DELAY_S, _COARSE_RAD, _COARSE_STRIPS = 0.04, math.radians(4.0), 200
+_APART_S = 0.12  # delays nearer to each other are refined to the same
 
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 3  # of weighing and solving at one gate
@@ -100,7 +99,7 @@ class CameraProblem:
                 self._free[len(NAMES) * number :][:LENS_NAMES] = False
 
     def fit(self) -> CameraFit:
-        """Search, then refine from the likeliest delays; the fit that explains most pairs."""
+        """Search, then refine from the two likeliest delays; the fit that explains more."""
         found = [self._refine(start, _GATES) for start in self._coarse()]
         return min(found, key=lambda fit: self.cost(fit.values, fit.pairs))
 
@@ -131,7 +130,7 @@ class CameraProblem:
         return float(np.mean(1.0 - np.where(pairs.paired, explained, 0.0)))
 
     def _coarse(self) -> list[FloatArray]:
-        """Values to begin with, best first: heading and focal length for each eye, and the delay.
+        """Two sets of values to begin with: heading and focal length for each eye, and the delay.
 
         By bearings alone; how high a strip is drawn says little before the lens is known.
         """
@@ -152,7 +151,9 @@ class CameraProblem:
                 total[k] += len(mine) * score
                 best[k, start] *= focal
                 best[k, start + NAMES.index("heading_rad")] += heading
-        return list(best[np.argsort(-total, kind="stable")[:_STARTS]])
+        first = int(np.argmax(total))
+        total[np.abs(delays - delays[first]) < _APART_S] = -1.0
+        return [best[first], best[int(np.argmax(total))]]
 
     def _azimuths(self, number: int, mine: IntArray) -> FloatArray:
         """Azimuths (f, k) of strips by the focal lengths tried, heading and delay as configured."""
@@ -174,12 +175,13 @@ class CameraProblem:
         eye = self._eye(self._mean, number)
         places = self._reference.positions(self.strips.times[mine] - delay)
         true = np.arctan2(places[..., 1] - eye.y_m, places[..., 0] - eye.x_m)
-        off = np.asarray(wrap(true - seen[:, :, None]))  # (focals, strips, teammates)
+        off = true.T[:, None] - seen  # (teammates, focal lengths, strips)
+        cos, sin = np.nan_to_num(np.cos(off)), np.nan_to_num(np.sin(off))  # unknown: a right angle
         best = (-1.0, 1.0, 0.0)
         for heading in _COARSE_HEADINGS:
-            near = np.abs(wrap(off - heading))
-            near = np.where(np.isfinite(near), near, math.pi).min(axis=2, initial=math.pi)
-            scores = np.mean(1.0 / (1.0 + (near / _COARSE_RAD) ** 2), axis=1)
+            near = np.max(math.cos(heading) * cos + math.sin(heading) * sin, axis=0, initial=-1.0)
+            # The squared chord stands for the squared angle.
+            scores = np.mean(1.0 / (1.0 + 2.0 * (1.0 - near) / _COARSE_RAD**2), axis=1)
             k = int(np.argmax(scores))
             if scores[k] > best[0]:
                 best = (float(scores[k]), float(self._focals(number)[k]), float(heading))
@@ -246,7 +248,13 @@ class CameraProblem:
             free = self._known(used)
             values = self._solve(values, pairs, used / noise, free, 4)
             noise = self._noise(values, pairs, used, free) if used.any() else noise
-        return self._result(values, pairs, used, noise, free)
+        # What an eye without pairs enough went through on the way is worth nothing.
+        fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(EYES))]
+        for number, enough in enumerate(fitted):
+            if not enough:
+                row_of(values, number)[:] = row_of(self._mean, number)
+        used &= np.array(fitted)[self.strips.eyes]
+        return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
 
     def _known(self, paired: BoolArray) -> BoolArray:
         """Which values to fit: those of eyes with pairs enough."""
@@ -298,7 +306,13 @@ class CameraProblem:
         return whole(found.x)
 
     def _result(
-        self, values: FloatArray, pairs: Pairs, used: BoolArray, noise: float, free: BoolArray
+        self,
+        values: FloatArray,
+        pairs: Pairs,
+        used: BoolArray,
+        noise: float,
+        free: BoolArray,
+        fitted: tuple[bool, bool],
     ) -> CameraFit:
         covariance = np.diag(np.where(self._free, self._spread, 0.0) ** 2)
         miss = errors(values, pairs)
@@ -311,10 +325,7 @@ class CameraProblem:
             meat = _scatter(self.strips.times[used], gains, inverse)
             covariance[np.ix_(free, free)] = inverse @ (meat + prior) @ inverse
         first, second = (self._eye(values, number) for number in range(len(EYES)))
-        known = [bool(free[len(NAMES) * number + LENS_NAMES]) for number in range(len(EYES))]
-        return CameraFit(
-            values, covariance, pairs, used, noise, miss, (first, second), (known[0], known[1])
-        )
+        return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
 
     def _eye(self, values: FloatArray, number: int) -> Eye:
         configured: Eye = getattr(self.camera, EYES[number])
