@@ -7,6 +7,7 @@ their labels; 1.21 labels none, but keeps their order.
 """
 
 import csv
+import io
 import itertools
 import math
 from dataclasses import dataclass
@@ -56,7 +57,8 @@ def read_table(path: Path) -> Table:
     """Read every cell of an export. Raises UserError naming line or column of what is wrong."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
+            text = file.read()
+        rows = list(csv.reader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not a text file"
         raise UserError(
@@ -67,6 +69,8 @@ def read_table(path: Path) -> Table:
     columns, start = _columns(rows[1 : first + 1], path)
     numbers = _numbers(rows, first, start, path)
     _check_whole(header, numbers, path)
+    if not text.endswith("\n"):  # Motive ends every line, so the last number may be cut
+        raise _cut(path, len(rows), "the line is not ended")
     frames, times = numbers[:, 0].astype(np.int64), numbers[:, 1].copy()
     return Table(header, columns, frames, times, numbers[:, start:])
 
@@ -155,11 +159,7 @@ def _numbers(rows: list[list[str]], first: int, start: int, path: Path) -> Float
         if not row:
             continue
         if len(row) != width:
-            raise UserError(
-                f"{path}, line {line} is cut: {len(row)} of {width} cells",
-                "",
-                "the file is not whole: copy or export it again",
-            )
+            raise _cut(path, line, f"{len(row)} of {width} cells")
         cells = row if start == 2 else [*row[:2], *[""] * (start - 2), *row[start:]]
         try:
             numbers[count] = [float(cell) if cell else math.nan for cell in cells]
@@ -167,6 +167,12 @@ def _numbers(rows: list[list[str]], first: int, start: int, path: Path) -> Float
             raise _no_number(path, line, cells) from None
         count += 1
     return numbers[:count]
+
+
+def _cut(path: Path, line: int, why: str) -> UserError:
+    return UserError(
+        f"{path}, line {line} is cut: {why}", "", "the file is not whole: copy or export it again"
+    )
 
 
 def _no_number(path: Path, line: int, cells: list[str]) -> UserError:

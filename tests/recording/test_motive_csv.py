@@ -261,9 +261,9 @@ def test_files_that_are_none(tmp_path):
 
 
 def test_every_cut_of_a_file_is_noticed(tmp_path):
-    data = "\n".join(export()).encode()
+    data = ("\n".join(export()) + "\n").encode()
     path = tmp_path / "cut.csv"
-    for size in range(0, len(data), 7):
+    for size in [*range(0, len(data), 7), len(data) - 3, len(data) - 2, len(data) - 1]:
         path.write_bytes(data[:size])
         with pytest.raises(UserError):
             motive_csv.read(path)
