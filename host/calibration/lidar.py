@@ -30,9 +30,9 @@ from host.perception import turrets
 
 _DELAYS_S, _DELAY_STEP_S = (-0.5, 1.0), 0.02  # of what robot.toml may have
 _HEADINGS = np.radians(np.arange(-180.0, 180.0, 10.0))
-_TRIED = 3  # of the headings, at each delay
+_TRIED = 2  # of the headings, at each delay
 _COARSE_M, _ERRORS_M = 0.4, (0.3, 0.2, 0.1)  # how far a teammate's turret may lie from the truth
-_SCANNED, _SCORED = 600, 300  # candidates that tell the cost at a delay, and at a heading
+_SCANNED, _SCORED = 500, 250  # candidates that tell the cost at a delay, and at a heading
 _REPAIRED = 3
 _RISE_SIGMAS = 3.0
 _LEAST_PAIRS = 30
@@ -162,12 +162,11 @@ def _fit_at(delay: float, seen: _Turrets, tracks: Tracks) -> tuple[FloatArray, f
 
 def _likely_headings(points: FloatArray, truths: FloatArray) -> list[float]:
     """The few headings (rad) at which points come nearest to teammates, without a translation."""
-    some = slice(None, None, max(len(points) // _SCORED, 1))
-    costs = []
-    for heading in _HEADINGS:
-        placed = to_parent(points[some], np.array([0.0, 0.0, heading]))
-        distance = _nearest(placed, truths[some])[1]
-        costs.append(float(np.mean(np.minimum(distance, _COARSE_M) ** 2)))
+    each = slice(None, None, max(len(points) // _SCORED, 1))
+    beams, targets = (p[each, ..., 0] + 1j * p[each, ..., 1] for p in (points, truths))
+    placed = np.exp(1j * _HEADINGS)[:, None] * beams
+    distance = np.abs(placed[:, :, None] - targets).min(axis=2)
+    costs = np.mean(np.minimum(distance, _COARSE_M) ** 2, axis=1)
     return [float(_HEADINGS[k]) for k in np.argsort(costs)[:_TRIED]]
 
 
