@@ -171,15 +171,16 @@ def _rows(
             continue
         label, unit, scale = _LABELS[name]
         held = eye in known and k < LENS_NAMES
-        pair = (halves[0].values[place], halves[1].values[place]) if halves else None
+        value = float(getattr(fit.eyes[number], name))
+        apart = [float(half.values[place] - fit.values[place]) for half in halves or ()]
         rows.append(
             Fitted(
                 key=f"camera.{eye}.{name}",
                 name=f"{eye} camera: {label}",
-                value=float(getattr(fit.eyes[number], name)),
+                value=value,
                 sigma=math.nan if held else float(sigmas[place]),
                 before=float(getattr(getattr(camera, eye), name)),
-                halves=None if pair is None or held else (float(pair[0]), float(pair[1])),
+                halves=(value + apart[0], value + apart[1]) if apart and not held else None,
                 unit=unit,
                 scale=scale,
             )

@@ -41,7 +41,7 @@ _COARSE_DELAY_S, _COARSE_RAD, _COARSE_STRIPS = 0.04, math.radians(4.0), 200
 _APART_S = 0.12  # delays nearer to each other are refined to the same
 
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
-_ROUNDS = 3  # of weighing and solving at one gate
+_ROUNDS = 2  # of weighing and solving at one gate
 _GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
 _RAYLEIGH_MEDIAN = 1.1774  # of an error's length, in standard deviations of one coordinate
@@ -241,7 +241,7 @@ class CameraProblem:
                 values = self._solve(values, pairs, self._weights(values, pairs, gate), free, 4)
         noise = gates[-1] / _GATE_SIGMAS
         used = np.zeros(0, dtype=bool)
-        for _ in range(2 * _ROUNDS):
+        for _ in range(3 * _ROUNDS):
             pairs = self.pair(values)
             off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
             used = pairs.paired & (off < _GATE_SIGMAS * noise)
@@ -329,10 +329,10 @@ class CameraProblem:
 
     def _eye(self, values: FloatArray, number: int) -> Eye:
         configured: Eye = getattr(self.camera, EYES[number])
-        row = row_of(values, number).tolist()
-        return configured.model_copy(
-            update={"lens": "equidistant", **dict(zip(NAMES, row, strict=True))}
-        )
+        row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
+        # A fit may go round past the rear.
+        row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)
+        return configured.model_copy(update={"lens": "equidistant", **row})
 
 
 def _scatter(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
