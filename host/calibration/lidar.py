@@ -1,16 +1,16 @@
 """Where the lidar sits on the robot, how it is turned and how late it is, from teammates it saw.
 
 Motion capture tells where each teammate was in the robot frame; the lidar tells of turrets, some
-of them teammates, in its own frame. Who is who is not known at first, and the lidar may be turned
-by any angle: all turns are tried at each delay, by how many turrets come to lie on a teammate.
+of them teammates, in its own frame. The best mounting is searched at each of many delays; at the
+best of these, mounting and delay are fitted together.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from host.calibration.gathered import Gathered, Tracks
+from host.calibration.lidar_search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
 from host.calibration.lidar_verdict import (
     Outcome,
     checks,
@@ -20,22 +20,15 @@ from host.calibration.lidar_verdict import (
     pictures,
 )
 from host.calibration.result import Calibration, Fitted
-from host.calibration.rigid_alignment import align, align_robustly
 from host.calibration.time_offset import CORRELATED_S, DelayCurve, JointFit, fit_jointly, scan
-from host.config import Lidar
 from host.errors import UserError
-from host.geometry import Path, to_parent, wrap
-from host.messages import Bodies, FloatArray, IntArray, Scan
-from host.perception import turrets
+from host.geometry import to_parent, wrap
+from host.messages import Bodies, FloatArray, IntArray
 
 _DELAYS_S, _DELAY_STEP_S = (-0.5, 1.0), 0.02  # of what robot.toml may have
-_HEADINGS = np.radians(np.arange(-180.0, 180.0, 10.0))
-_TRIED = 2  # of the headings, at each delay
-_COARSE_M, _ERRORS_M = 0.4, (0.3, 0.2, 0.1)  # how far a teammate's turret may lie from the truth
-_SCANNED, _SCORED = 500, 250  # candidates that tell the cost at a delay, and at a heading
+_SCANNED = 500  # turrets that tell the cost at a delay
 _REPAIRED = 3
 _RISE_SIGMAS = 3.0
-_LEAST_PAIRS = 30
 _DEG = math.degrees(1.0)
 _THINNED_S = 0.05  # motion capture is fast; for advice this will do
 _LEAST_TURN = math.pi
@@ -52,23 +45,6 @@ _ROWS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Turrets:
-    """What may be teammates: points (n, 2) m in the lidar's frame, stamped times (n,) s.
-
-    sigmas (n,) m: their std per axis, by the fit of the circle.
-    """
-
-    times: FloatArray
-    points: FloatArray
-    sigmas: FloatArray
-
-    def some(self, count: int) -> "_Turrets":
-        """At most about `count` of them, evenly spread in time."""
-        each = slice(None, None, max(len(self.times) // count, 1))
-        return _Turrets(self.times[each], self.points[each], self.sigmas[each])
-
-
 def calibrate(gathered: Gathered) -> Calibration:
     """Fit lidar.heading_rad, x_m, y_m and delay_s to the teammates that motion capture saw.
 
@@ -82,16 +58,17 @@ def calibrate(gathered: Gathered) -> Calibration:
             f"of all bodies it saw {gathered.config.mocap.body} alone, which is this robot",
             "put a teammate with a body of its own on the floor",
         )
-    seen = _turrets(gathered.scans, gathered.config.lidar)
+    seen = find_turrets(gathered.scans, gathered.config.lidar)
+    some = seen.some(_SCANNED)
     configured = gathered.config.lidar.delay_s
     curve = scan(
-        lambda delay: _fit_at(delay, seen.some(_SCANNED), tracks)[1],
+        lambda delay: fit_at(delay, some, tracks)[1],
         _DELAYS_S[0] - configured,
         _DELAYS_S[1] - configured,
         _DELAY_STEP_S,
     )
-    pose, cost = _fit_at(curve.best, seen.some(_SCANNED), tracks)
-    if not math.isfinite(cost):
+    pose, cost = fit_at(curve.best, some, tracks)
+    if cost >= NEAR_M**2:
         raise UserError(
             "no mounting of the lidar brings what it saw onto the teammates",
             "at no delay and no turn do turrets lie where motion capture has teammates",
@@ -102,95 +79,18 @@ def calibrate(gathered: Gathered) -> Calibration:
     return _calibration(gathered, tracks, seen, curve, joint, who, halves)
 
 
-def _turrets(scans: list[Scan], lidar: Lidar) -> _Turrets:
-    """The candidates of all turns, in the lidar's own frame: each at its own time, not carried."""
-    bare = lidar.model_copy(update={"x_m": 0.0, "y_m": 0.0, "heading_rad": 0.0})
-    stay = Path()
-    found = [turrets.find(turn, bare, stay) for turn in scans]
-    times = [p.time - (p.lags if p.lags is not None else np.zeros(len(p.positions))) for p in found]
-    if sum(len(t) for t in times) < _LEAST_PAIRS:
-        raise UserError(
-            "the lidar saw no turrets",
-            f"{sum(len(t) for t in times)} in {len(scans)} turns",
-            "put a teammate 0.5 to 2 m away in plain view; its turret's width is "
-            f"lidar.target_diameter_m ({lidar.target_diameter_m} m)",
-        )
-    covariances = np.concatenate([p.covariances for p in found])
-    return _Turrets(
-        np.concatenate(times),
-        np.concatenate([p.positions for p in found]),
-        np.sqrt(0.5 * np.trace(covariances, axis1=1, axis2=2)),
-    )
-
-
-def _truths(tracks: Tracks, times: FloatArray) -> FloatArray:
-    """Positions (n, m, 2) of all teammates in the robot frame; far away where not known."""
-    truths = np.stack([tracks.relative(int(n), times) for n in tracks.identities], axis=1)
-    return np.where(np.isnan(truths), 1e6, truths)
-
-
-def _nearest(placed: FloatArray, truths: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Of the teammates (n, m, 2) the one nearest to each point (n, 2): which, how far (m)."""
-    distance = np.hypot(*np.moveaxis(placed[:, None] - truths, -1, 0))
-    who = np.argmin(distance, axis=1)
-    return who, distance[np.arange(len(who)), who]
-
-
-def _fit_at(delay: float, seen: _Turrets, tracks: Tracks) -> tuple[FloatArray, float]:
-    """The best pose (3,) of the lidar at a delay (s), and its cost.
-
-    The cost is the mean of squared distances to the nearest teammate, each cut off at 0.1 m; inf
-    where nothing fits.
-    """
-    truths = _truths(tracks, seen.times - delay)
-    known = (truths < 1e5).any(axis=(1, 2))
-    points, truths = seen.points[known], truths[known]
-    best, least = np.zeros(3), math.inf
-    if len(points) < _LEAST_PAIRS:
-        return best, least
-    for heading in _likely_headings(points, truths):
-        try:
-            pose = _settle(points, truths, np.array([0.0, 0.0, heading]))
-        except UserError:
-            continue  # from this heading on, no three pairs agree
-        distance = _nearest(to_parent(points, pose), truths)[1]
-        cost = float(np.mean(np.minimum(distance, _ERRORS_M[-1]) ** 2))
-        if cost < least:
-            best, least = pose, cost
-    return best, least
-
-
-def _likely_headings(points: FloatArray, truths: FloatArray) -> list[float]:
-    """The few headings (rad) at which points come nearest to teammates, without a translation."""
-    each = slice(None, None, max(len(points) // _SCORED, 1))
-    beams, targets = (p[each, ..., 0] + 1j * p[each, ..., 1] for p in (points, truths))
-    placed = np.exp(1j * _HEADINGS)[:, None] * beams
-    distance = np.abs(placed[:, :, None] - targets).min(axis=2)
-    costs = np.mean(np.minimum(distance, _COARSE_M) ** 2, axis=1)
-    return [float(_HEADINGS[k]) for k in np.argsort(costs)[:_TRIED]]
-
-
-def _settle(points: FloatArray, truths: FloatArray, pose: FloatArray) -> FloatArray:
-    """The pose (3,) that pairs agree on, of points and the teammates then nearest to them."""
-    for error in _ERRORS_M:
-        who, distance = _nearest(to_parent(points, pose), truths)
-        partners = truths[np.arange(len(who)), who]
-        pose = align(points, partners, (distance <= error).astype(float)).pose
-    return align_robustly(points, partners, _ERRORS_M[-1], start=pose).pose
-
-
-def _fit_pairs(seen: _Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
+def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
     """The joint fit, and who each candidate is (n,): a teammate's identity, or -1."""
     for _ in range(_REPAIRED):
-        truths = _truths(tracks, seen.times - values[3])
-        index, distance = _nearest(to_parent(seen.points, values[:3]), truths)
-        who = np.where(distance < _ERRORS_M[-1], tracks.identities[index], -1)
+        truths = truths_at(tracks, seen.times - values[3])
+        index, distance = nearest(to_parent(seen.points, values[:3]), truths)
+        who = np.where(distance < NEAR_M, tracks.identities[index], -1)
         joint = _fit(seen, tracks, values, who)
         values = joint.values
     return joint, who
 
 
-def _fit(seen: _Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> JointFit:
+def _fit(seen: Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> JointFit:
     """The joint fit of candidates (n,) that are the teammates `who` (n,); -1 has no truth."""
     members = {int(n): np.flatnonzero(who == n) for n in tracks.identities}
 
@@ -204,7 +104,7 @@ def _fit(seen: _Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> Jo
 
 
 def _halves(
-    seen: _Turrets, tracks: Tracks, values: FloatArray, who: IntArray
+    seen: Turrets, tracks: Tracks, values: FloatArray, who: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """The fit (5,) of either half of the data in time; nan where a half has too little."""
     middle = float(np.median(seen.times[who >= 0]))
@@ -220,7 +120,7 @@ def _halves(
 def _calibration(
     gathered: Gathered,
     tracks: Tracks,
-    seen: _Turrets,
+    seen: Turrets,
     curve: DelayCurve,
     joint: JointFit,
     who: IntArray,
@@ -251,7 +151,7 @@ def _calibration(
 def _outcome(
     configured: FloatArray,
     tracks: Tracks,
-    seen: _Turrets,
+    seen: Turrets,
     curve: DelayCurve,
     joint: JointFit,
     who: IntArray,
