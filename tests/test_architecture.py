@@ -11,6 +11,7 @@ FLOORS = {
     "cli": 5,
     "pipeline": 4,
     "cameras": 4,
+    "ceiling": 4,
     "localizer": 3,
     "calibration": 3,
     "evaluation": 3,
