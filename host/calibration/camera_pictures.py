@@ -8,7 +8,7 @@ import numpy as np
 from host.calibration.camera_fit import CameraFit
 from host.calibration.camera_model import equidistant
 from host.calibration.camera_pairs import EYES
-from host.calibration.camera_verdict import SECTOR_DEG, Sector, bearing_errors, bearings_of
+from host.calibration.camera_sectors import SECTOR_DEG, Sector, bearing_errors, bearings_of
 from host.calibration.gathered import Gathered
 from host.calibration.result import Picture, Series
 from host.calibration.time_offset import DelayCurve

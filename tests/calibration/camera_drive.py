@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from host.calibration.gathered import Gathered
 from host.config import Camera, Eye, RobotConfig
-from host.messages import Bearings, Bodies, Displacement, FloatArray, Scan
+from host.messages import Bearings, Bodies, BoolArray, Displacement, FloatArray, Scan
+from host.perception.lens import View
 
 STRIP_M = 0.22
 MOCAP_HZ = 100.0
@@ -52,7 +53,7 @@ REAR = Ground(
 GROUND = {"front": FRONT, "rear": REAR}
 
 
-def shown(pixels: FloatArray) -> FloatArray:
+def shown(pixels: FloatArray) -> BoolArray:
     x, y = pixels.T
     return (x > 0.0) & (x < 1919.0) & (y > 0.0) & (y < 1079.0)
 
@@ -168,8 +169,6 @@ def _add_lidar(gathered: Gathered, drive: Drive, noise_m: float, rng: np.random.
 
 def bearing_errors_deg(camera: Camera) -> FloatArray:
     """Errors of bearings by a configuration, all around, for strips at 0.5, 1 and 2 m."""
-    from host.perception.lens import View
-
     found = []
     for reach in (0.5, 1.0, 2.0):
         around = np.radians(np.arange(-180.0, 180.0, 1.0))

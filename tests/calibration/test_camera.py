@@ -100,6 +100,7 @@ def test_a_robot_that_spins_steadily_among_still_teammates_is_refused() -> None:
     assert "neither is where the camera looks" in failures
 
 
+@pytest.mark.slow
 def test_sigma_is_honest_about_bearings_and_the_delay() -> None:
     """Errors in units of the predicted sigma, over drives, are about 1 in the mean."""
     bearing, delay = [], []
