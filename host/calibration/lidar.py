@@ -130,7 +130,8 @@ def _calibration(
     configured = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad, lidar.delay_s, 0.0])
     outcome = _outcome(configured, tracks, seen, curve, joint, who)
     later = np.array([0.0, 0.0, 0.0, lidar.delay_s, 0.0])  # already off the times of the messages
-    rows = _rows(configured, joint.values + later, joint.covariance, [h + later for h in halves])
+    covariance = _honest(joint.covariance, outcome)
+    rows = _rows(configured, joint.values + later, covariance, [h + later for h in halves])
     used = int(np.count_nonzero(outcome.used))
     return Calibration(
         kind="lidar",
@@ -180,6 +181,17 @@ def _outcome(
         curve=delayed,
         plausible=(plausible[0] + configured[3], plausible[1] + configured[3]),
     )
+
+
+def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
+    """The covariance (5, 5), as wide as the curve of the cost says where that is flat.
+
+    On a circle at constant speed the curvature at the least cost claims far too much.
+    """
+    if outcome.told_apart or not np.isfinite(covariance).all():
+        return covariance
+    low, high = outcome.plausible
+    return np.asarray(covariance * ((0.5 * (high - low)) ** 2 / covariance[3, 3]))
 
 
 def _rows(

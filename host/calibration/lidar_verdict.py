@@ -50,6 +50,13 @@ class Outcome:
     plausible: tuple[float, float]
 
     @property
+    def told_apart(self) -> bool:
+        """Whether the path tells the delay from a turn of the lidar."""
+        low, high = self.plausible
+        first, last = self.curve.delays[[0, -1]]
+        return bool(high - low <= _WIDEST_S and low > first and high < last)
+
+    @property
     def share(self) -> float:
         """Of all turrets those that were teammates, 0 to 1."""
         return float(np.count_nonzero(self.used)) / max(self.candidates, 1)
@@ -111,7 +118,6 @@ def checks(outcome: Outcome) -> tuple[Check, ...]:
     span = float(np.ptp(np.percentile(ranges, _PERCENTILES))) if len(ranges) else 0.0
     count = int(np.count_nonzero(outcome.used))
     low, high = outcome.plausible
-    ends = outcome.curve.delays[[0, -1]]
     return (
         Check(
             name="teammates seen",
@@ -135,7 +141,7 @@ def checks(outcome: Outcome) -> tuple[Check, ...]:
             value=1e3 * (high - low),
             threshold=1e3 * _WIDEST_S,
             unit="ms",
-            passed=high - low <= _WIDEST_S and low > ends[0] and high < ends[1],
+            passed=outcome.told_apart,
             advice=f"all delays from {1e3 * low:.0f} to {1e3 * high:.0f} ms fit as well, since on "
             "a path like a circle at constant speed, delay and turn of the lidar are one; "
             "turn both ways, and change the speed",

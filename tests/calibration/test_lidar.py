@@ -151,6 +151,7 @@ def test_a_circle_at_constant_speed_is_refused() -> None:
     assert any("delay" in failure for failure in found.failures)
     low, high = found.figures["plausible_delays_s"]
     assert high - low > 0.5
+    assert all(row.sigma > limit for row, limit in zip(found.fitted[:4], LIMITS, strict=True))
     assert "turn to the right: 0 deg so far" in advice(
         Bench(circle, (standing(1.3, 0.4),)).gather()
     )
