@@ -107,7 +107,10 @@ def _detector(dictionary: str) -> _Detect:
     settings.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     settings.cornerRefinementMinAccuracy = 0.01
     settings.cornerRefinementMaxIterations = 50
+    settings.cornerRefinementWinSize = 3  # the old default, 5, reaches into a small tag's cells
     if modern:
         detect: _Detect = aruco.ArucoDetector(tags, settings).detectMarkers
         return detect
+    # Else the edge of the paper around a tag is taken for the tag.
+    settings.minMarkerDistanceRate = 0.02
     return lambda grey: aruco.detectMarkers(grey, tags, parameters=settings)

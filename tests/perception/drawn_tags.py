@@ -18,10 +18,13 @@ _QUIET = 1.25  # the white field around a tag, in sides of the black square
 _CELLS = 6  # of a 4x4 tag and its border
 
 
-def marker(number: int, dictionary: str = "4X4_50") -> NDArray[np.uint8]:
-    """The (6, 6) cells of a tag, 0 black and 255 white."""
-    tags = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
-    return np.asarray(cv2.aruco.generateImageMarker(tags, number, _CELLS))
+def marker(number: int, pixels: int = _CELLS) -> NDArray[np.uint8]:
+    """A tag as a square picture, 0 black and 255 white; as small as can be, its (6, 6) cells."""
+    aruco = cv2.aruco
+    tags = aruco.getPredefinedDictionary(aruco.DICT_4X4_50)
+    if hasattr(aruco, "generateImageMarker"):
+        return np.asarray(aruco.generateImageMarker(tags, number, pixels))
+    return np.asarray(aruco.drawMarker(tags, number, pixels))  # before 4.7
 
 
 def rays(eye: Eye, pixels: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ if not hasattr(cv2, "aruco"):
 
 from host.config import Ceiling, Eye  # noqa: E402
 from host.perception.aruco import TagFinder  # noqa: E402
-from tests.perception.drawn_tags import draw, draw_all, pixel_of  # noqa: E402
+from tests.perception.drawn_tags import draw, draw_all, marker, pixel_of  # noqa: E402
 
 DOWN = math.pi / 2
 PLAIN = Ceiling()
@@ -67,8 +67,7 @@ def test_tags_are_found_to_a_fraction_of_a_millimetre(ceiling: Ceiling) -> None:
 def test_heading_is_the_direction_of_the_printed_right() -> None:
     eye = PLAIN.eye  # looks down with the picture's up ahead: its right is -y
     picture = np.full((eye.height_px, eye.width_px), 255, np.uint8)
-    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    picture[300:360, 900:960] = cv2.aruco.generateImageMarker(tags, 7, 60)
+    picture[300:360, 900:960] = marker(7, 60)
     (pose,) = TagFinder(PLAIN.model_copy(update={"tag_m": 0.0945})).find(picture, 0.0).poses
     assert math.degrees(pose[2]) == pytest.approx(-90.0, abs=0.3)
     assert pose[0] > 0.3  # above the middle of the picture
