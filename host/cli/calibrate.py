@@ -1,174 +1,161 @@
-"""`swarmloc calibrate`: what a robot's configuration needs to know, learnt from what it records."""
+"""`swarmloc calibrate`: numbers of robot.toml, fitted to what motion capture saw of a drive."""
 
 import dataclasses
-from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
-import cv2
-import numpy as np
 
-from host.calibration import strip_colour
-from host.calibration.strip_colour import Box
-from host.cli.options import json_option, robot, robot_option, write_json
-from host.config import Camera, Eye, Strip
-from host.errors import UserError
-from host.perception.jpeg_decoder import Image, UnusableError, fastest_decoder, read_header
-from host.perception.red_strip import Blob, StripFinder
-from host.perception.strip_geometry import StripGeometry
+from host.calibration import camera as camera_calibration
+from host.calibration import detection as detection_calibration
+from host.calibration import lidar as lidar_calibration
+from host.calibration import wheels as wheels_calibration
+from host.calibration.wheels import Drive
+from host.cli import gathering
+from host.cli.calibrate_colour import colour
+from host.cli.checkerboard import board_option, boards_option, lenses
+from host.cli.fitting import Fitting, fit_options
+from host.config import Mocap, Wheels
+from host.recording import optiodom
 
-_LEARNT = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")
+_OPTIODOM = "optiodom:"
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def calibrate() -> None:
-    """Learn parts of robot.toml from what the robot's sensors see."""
-
-
-def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> list[Box]:
-    """Each text as four whole numbers. Raises a usage error for one that is no box."""
-    boxes = []
-    for text in texts:
-        try:
-            x, y, width, height = (int(part) for part in text.split(","))
-        except ValueError as error:
-            raise click.BadParameter(f"{text!r} is not like 840,130,60,30.") from error
-        if min(x, y) < 0 or min(width, height) < 1:
-            raise click.BadParameter(f"{text!r}: x, y from 0 on, width and height from 1 on.")
-        boxes.append((x, y, width, height))
-    return boxes
-
-
-@calibrate.command()
-@click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False))
-@click.option(
-    "--box",
-    "boxes",
-    callback=_boxes,
-    multiple=True,
-    metavar="X,Y,W,H",
-    help="Box around a strip, in pixels; one for each picture.  [default: the most saturated blob]",
-)
-@click.option(
-    "--eye",
-    "eye_name",
-    type=click.Choice(["front", "rear"]),
-    default="front",
-    show_default=True,
-    help="Camera that took the pictures.",
-)
-@robot_option
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("annotated.png"),
-    show_default=True,
-    help="Picture of what would be detected; more of them get -2, -3, ...",
-)
-@json_option
-def colour(
-    images: tuple[Path, ...],
-    boxes: list[Box],
-    eye_name: str,
-    robot_path: Path | None,
-    output: Path,
-    json_path: Path | None,
-) -> None:
-    """Learn the colour of the teammates' strips from a few pictures of the camera.
+    """Fit numbers of robot.toml to what the robot measured and motion capture saw.
 
     \b
-    Example, with a box around the strip in the one picture:
-      swarmloc calibrate colour front.jpg --box 840,130,60,30
+    An afternoon with a robot (docs/calibration.md), here with a simulated one:
+      swarmloc simulate misbuilt4 --output drive.swarmloc
+      swarmloc calibrate wheels drive.swarmloc --robot robot.toml
+      swarmloc calibrate lidar drive.swarmloc --robot robot.toml
+      swarmloc calibrate camera drive.swarmloc --robot robot.toml
+      swarmloc calibrate detection drive.swarmloc --robot robot.toml
     """
-    if boxes and len(boxes) != len(images):
-        raise click.BadParameter(
-            f"{len(boxes)} for {len(images)} picture(s): give one each, or none.",
-            param_hint="--box",
-        )
-    camera = robot(robot_path).camera
-    eye: Eye = getattr(camera, eye_name)
-    jpegs = [strip_colour.read_picture(path) for path in images]
-    pixels = _strip_pixels(images, jpegs, boxes, camera, eye, eye_name)
-    strip = strip_colour.learn(pixels, camera.strip)
-    finder = StripFinder(camera.model_copy(update={"strip": strip}), eye)
-    found = [finder.search(jpeg) for jpeg in jpegs]
-    pictures = [
-        output,
-        *(output.with_stem(f"{output.stem}-{k}") for k in range(2, len(images) + 1)),
+
+
+calibrate.add_command(colour)
+
+
+@calibrate.command(
+    epilog="""\b
+Examples:
+  swarmloc calibrate wheels --robot robot.toml --record drive.swarmloc
+  swarmloc calibrate wheels drive.swarmloc --robot robot.toml
+  swarmloc calibrate wheels optiodom:runs/free --test optiodom:runs/square""",
+)
+@click.argument("sources", nargs=-1, metavar="[SOURCE]...")
+@click.option(
+    "--test",
+    "tests",
+    multiple=True,
+    metavar="SOURCE",
+    help="Score the fit on runs that it has not seen.",
+)
+@fit_options("wheels")
+def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> None:
+    """Fit wheel radii, track, odometry's lag and noise to true paths.
+
+    SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
+    """
+    fitting = Fitting(**common)
+    drives: list[Drive] = []
+    name = ", ".join(sources)
+    if sources:
+        fitting.check_source()
+        for source in sources:
+            read, nominal, mocap = _drives(source, fitting.robot_path)
+            drives += read
+    else:
+        name, gathered = fitting.gather(None, wheels_calibration.advice)
+        drives = [wheels_calibration.drive_of(gathered)]
+        nominal, mocap = gathered.config.wheels, gathered.config.mocap
+    unseen = {source: _drives(source, fitting.robot_path)[0] for source in tests}
+    calibration = wheels_calibration.calibrate(drives, nominal, mocap)
+    if any(source.startswith(_OPTIODOM) for source in sources):  # the radii are in its counts
+        counts = {"wheels.counts_per_turn": nominal.counts_per_turn}
+        calibration = dataclasses.replace(calibration, settings=counts | calibration.settings)
+    fitted = wheels_calibration.apply(calibration, nominal, mocap)
+    scores = [
+        wheels_calibration.score(source, read, (nominal, mocap), fitted)
+        for source, read in unseen.items()
     ]
-    for path, jpeg, blobs in zip(pictures, jpegs, found, strict=True):
-        _write_picture(path, strip_colour.annotate(jpeg, blobs, finder.geometry))
-    click.echo(_lines(strip))
-    click.echo()
-    for image, path, blobs in zip(images, pictures, found, strict=True):
-        click.echo(f"{image}: {_summary(blobs)}; drawn in {path}")
-    write_json(
-        json_path,
-        {
-            "strip": {name: getattr(strip, name) for name in _LEARNT},
-            "pictures": [
-                {
-                    "image": str(image),
-                    "annotated": str(path),
-                    "blobs": [dataclasses.asdict(blob) for blob in blobs],
-                }
-                for image, path, blobs in zip(images, pictures, found, strict=True)
-            ],
-        },
-    )
+    for score in scores:
+        click.echo(
+            f"{score['source']}: {1000 * score['nominal_end_error_m']:.0f} mm at the end with the "
+            f"nominal geometry, {1000 * score['fitted_end_error_m']:.0f} mm with the fitted"
+        )
+    fitting.conclude(calibration, name, tests=scores)
 
 
-def _strip_pixels(
-    images: tuple[Path, ...],
-    jpegs: list[bytes],
-    boxes: list[Box],
-    camera: Camera,
-    eye: Eye,
-    eye_name: str,
-) -> Image:
-    """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""
-    geometry = StripGeometry(camera, eye)
-    decoder = fastest_decoder()  # as the search has it, whose idea of a whole picture counts
-    chosen = []
-    for k, (image, jpeg) in enumerate(zip(images, jpegs, strict=True)):
-        try:
-            picture = decoder.decode(jpeg, (eye.width_px, eye.height_px), eye.height_px)
-        except UnusableError as error:
-            why = "it is torn"
-            if str(error) == "wrong_size":
-                header = read_header(jpeg)
-                why = f"it has {header.width} x {header.height} px, but [camera.{eye_name}] says "
-                why += f"{eye.width_px} x {eye.height_px}"
-            raise UserError(
-                f"{image} cannot be used",
-                why,
-                "give whole pictures of that camera, and the robot's configuration by --robot",
-            ) from error
-        if boxes:
-            chosen.append(strip_colour.pixels_in_box(picture, boxes[k]))
-        else:
-            chosen.append(strip_colour.pixels_of_best_blob(picture, camera.strip, geometry))
-    return np.concatenate(chosen)
+def _drives(source: str, robot_path: Path | None) -> tuple[Sequence[Drive], Wheels, Mocap]:
+    """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
+    if source.startswith(_OPTIODOM):
+        runs = optiodom.read(Path(source.removeprefix(_OPTIODOM)))
+        return [wheels_calibration.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
+    gathered = gathering.from_source(source, robot_path)
+    drive = wheels_calibration.drive_of(gathered)
+    return [drive], gathered.config.wheels, gathered.config.mocap
 
 
-def _lines(strip: Strip) -> str:
-    values = "\n".join(f"{name} = {getattr(strip, name)}" for name in _LEARNT)
-    return f"Put these lines into robot.toml:\n\n[camera.strip]\n{values}"
+@calibrate.command(
+    epilog="""\b
+Examples:
+  swarmloc calibrate lidar --robot robot.toml --record drive.swarmloc
+  swarmloc calibrate lidar drive.swarmloc --robot robot.toml""",
+)
+@click.argument("source", required=False)
+@fit_options("lidar")
+def lidar(source: str | None, **common: Any) -> None:
+    """Fit the lidar's mounting and delay to a teammate seen along a path.
+
+    SOURCE is a recording or a scenario; without it the robot drives now.
+    """
+    fitting = Fitting(**common)
+    name, gathered = fitting.gather(source, lidar_calibration.advice)
+    fitting.conclude(lidar_calibration.calibrate(gathered), name)
 
 
-def _summary(blobs: list[Blob]) -> str:
-    kept = sum(blob.kept for blob in blobs)
-    dropped = Counter(blob.reason for blob in blobs if not blob.kept)
-    said = f"{kept} strip{'' if kept == 1 else 's'}"
-    if dropped:
-        said += ", dropped: " + ", ".join(f"{name} {n}" for name, n in sorted(dropped.items()))
-    return said
+@calibrate.command(
+    epilog="""\b
+Examples:
+  swarmloc calibrate camera --robot robot.toml --record drive.swarmloc
+  swarmloc calibrate camera drive.swarmloc --robot robot.toml
+  swarmloc calibrate camera drive.swarmloc --boards front=pictures/ --board 9x6:0.025""",
+)
+@click.argument("source", required=False)
+@boards_option
+@board_option
+@fit_options("camera")
+def camera(
+    source: str | None, boards: dict[str, Path], board: tuple[int, int, float], **common: Any
+) -> None:
+    """Fit the cameras' lenses, mounting and delay to bearings of a teammate.
+
+    SOURCE is a recording or a scenario; without it the robot drives now.
+    """
+    fitting = Fitting(**common)
+    name, gathered = fitting.gather(source, camera_calibration.advice)
+    known = lenses(boards, board, gathered.config.camera)
+    fitting.conclude(camera_calibration.calibrate(gathered, known), name)
 
 
-def _write_picture(path: Path, picture: Image) -> None:
-    try:
-        path.write_bytes(bytes(cv2.imencode(".png", picture)[1]))
-    except OSError as error:
-        raise UserError(
-            f"cannot write {path}", error.strerror or str(error), "choose another with --output"
-        ) from error
+@calibrate.command(
+    epilog="""\b
+Examples:
+  swarmloc calibrate detection --robot robot.toml --record drive.swarmloc
+  swarmloc calibrate detection drive.swarmloc --robot robot.toml""",
+)
+@click.argument("source", required=False)
+@fit_options("detection")
+def detection(source: str | None, **common: Any) -> None:
+    """Fit how likely lidar and cameras see a teammate, and how often one that is not there.
+
+    SOURCE is a recording or a scenario; without it the robot drives now. Calibrate wheels, lidar
+    and cameras first.
+    """
+    fitting = Fitting(**common)
+    name, gathered = fitting.gather(source, detection_calibration.advice)
+    fitting.conclude(detection_calibration.calibrate(gathered), name)

@@ -14,7 +14,7 @@ import numpy as np
 
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
-from host.cli.runs import uses
+from host.cli.runs import read_as, uses
 from host.cli.tally import Tally, rounded, summary, timing
 from host.config import RobotConfig
 from host.errors import UserError
@@ -193,7 +193,8 @@ def _replay(
     kept = AfterPositions(Timed(profiles.make(robot.filter.profile, robot), update_seconds))
     tally, truths, times = Tally(), list[Truth](), list[float]()
     begin = time.monotonic()
-    for message, made in _steps(recording, Localizer(robot, kept), sensors):
+    messages = read_as(recording, robot)
+    for message, made in _steps(messages, Localizer(robot, kept), sensors):
         for watch in watchers:
             watch(message, made)
         if isinstance(message, Truth):
@@ -216,10 +217,10 @@ def _replay(
 
 
 def _steps(
-    recording: Recording, localizer: Localizer, sensors: str
+    messages: Iterator[Message], localizer: Localizer, sensors: str
 ) -> Iterator[tuple[Message | None, list[Estimate]]]:
     """Each message of the recording with the estimates made of it; last, None."""
-    for message in recording.messages():
+    for message in messages:
         yield message, localizer.handle(message) if uses(message, sensors) else []
     yield None, localizer.finish()
 

@@ -8,31 +8,25 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import click
 
-from host.cameras import cameras
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
-from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
+from host.cli.options import LIDAR_AND_CAMERA
+from host.cli.rig import Rig, real_rig, simulated_rig
 from host.cli.tally import Tally, summary, timing
-from host.config import RobotConfig
-from host.drivers.romeo import Romeo
-from host.drivers.x4 import X4
 from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation.runner import Timed
 from host.localizer import Localizer
-from host.messages import Truth
-from host.pipeline import Pipeline, Sink, Source
+from host.pipeline import Pipeline, Sink
 from host.recording.log import Header, Recorder
 from host.simulation import scenarios
-from host.simulation.board import best_board
-from host.simulation.devices import Interval, LiveSimulation
+from host.simulation.devices import Interval
 
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -54,22 +48,6 @@ def _intervals(
             raise click.BadParameter(f"{value!r} is not like lidar=2-4 (seconds since the start).")
         absent.setdefault(device, []).append(times)
     return absent
-
-
-@dataclass(frozen=True, slots=True)
-class Rig:
-    """What a run consists of: the devices, the configuration in effect, and truth if known.
-
-    simulated_board: of a simulation, what stands in for the board, in words.
-    """
-
-    title: str
-    config: RobotConfig
-    sensors: str
-    sources: Mapping[str, Source]
-    scenario: str | None = None
-    simulated_board: str | None = None
-    truth: Callable[[float], Truth] | None = None
 
 
 @click.command(
@@ -128,9 +106,9 @@ def run(
     robot = options.robot(robot_path, filter_name)
     with contextlib.ExitStack() as stack:
         if scenario is None:
-            rig = _real(robot, sensors)
+            rig = real_rig(robot, sensors)
         else:
-            rig = _simulated(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
+            rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse(scenario).seconds
         figures, failures = _run(rig, seconds, record)
@@ -156,40 +134,6 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
             "; ".join(down),
             "do what the summary says of them, or try it without: swarmloc run --simulate arena4",
         )
-
-
-def _real(robot: RobotConfig, sensors: str | None) -> Rig:
-    eyes = {} if sensors == LIDAR_ONLY else cameras(robot.camera)
-    if sensors == LIDAR_AND_CAMERA and not eyes:
-        raise UserError(
-            "there is no camera to use",
-            'source is "none" in [camera.front] and [camera.rear] of robot.toml',
-            "name their sources there (docs/cameras.md), or use --sensors lidar",
-        )
-    sources = {**_drivers(robot), **eyes}
-    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if eyes else LIDAR_ONLY, sources)
-
-
-def _drivers(robot: RobotConfig) -> dict[str, Source]:
-    return {"lidar": X4(robot.lidar), "board": Romeo(robot)}
-
-
-def _simulated(
-    stack: contextlib.ExitStack,
-    robot: RobotConfig,
-    scenario: str,
-    unplug: Mapping[str, Sequence[Interval]],
-    sensors: str,
-) -> Rig:
-    board = best_board(robot.motors)
-    parsed = scenarios.parse(scenario)
-    live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
-    config = live.config
-    sources = _drivers(config)
-    if sensors == LIDAR_AND_CAMERA:
-        sources |= cameras(config.camera) if parsed.rendered else {"camera": live.camera}
-    title = f"{scenario} (simulated; board: {board.name})"
-    return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
 
 
 def _run(

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeGuard
 
+import numpy as np
+
+from host.calibration.gathered import Tracks
+from host.calibration.reinterpretation import Reinterpretation
 from host.cli.options import LIDAR_AND_CAMERA, LIDAR_ONLY
 from host.config import RobotConfig
 from host.errors import UserError
@@ -15,7 +19,16 @@ from host.evaluation.metrics import Accumulator
 from host.evaluation.runner import Timed
 from host.evaluation.truth_scoring import AfterPositions, score
 from host.localizer import Localizer
-from host.messages import Bearings, Displacement, Measurement, Message, Positions, Scan, Truth
+from host.messages import (
+    Bearings,
+    Bodies,
+    Displacement,
+    Measurement,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
 from host.recording.log import SUFFIX, Recording
 from host.simulation import scenarios
 from host.simulation.scenarios import Scenario
@@ -79,33 +92,41 @@ def find(source: str) -> Recording | Scenario:
 
 
 def load(source: str, robot: RobotConfig | None) -> Run:
-    """Read a recording or simulate a scenario; `robot` replaces a recording's configuration.
+    """Read a recording or simulate a scenario; a recording is read as if taken with `robot`.
 
     Raises UserError where there is neither, and for a recording without truth.
     """
     found = find(source)
     if isinstance(found, Scenario):
-        config = robot or RobotConfig()
-        messages, truths = _sort_out(simulated(found, config))
+        simulation, all_messages = simulated(found, robot or RobotConfig())
+        messages, truths = _sort_out(all_messages, simulation.config)
+        config = simulation.config
         return Run(source, str(OBSERVER), config, messages, truths, found)
-    messages, truths = _sort_out(found.messages())
+    config = robot or found.header.config
+    messages, truths = _sort_out(read_as(found, config), config)
     if not truths:
         raise UserError(
             f"{source} cannot be scored",
             "it holds no truth: nobody measured where the teammates really were",
             "score a simulated run, or `swarmloc replay` it to see what is estimated",
         )
-    config = robot or found.header.config
     return Run(source, config.name, config, messages, truths)
 
 
-def simulated(scenario: Scenario, config: RobotConfig) -> Iterator[Message]:
-    """All messages of a scenario, and truth at every scan besides.
+def read_as(recording: Recording, config: RobotConfig) -> Iterator[Message]:
+    """The messages of a recording as `config` would have had them."""
+    seen = Reinterpretation(recording.header.config, config)
+    return map(seen.of, recording.messages())
+
+
+def simulated(scenario: Scenario, config: RobotConfig) -> tuple[Simulation, Iterator[Message]]:
+    """A scenario, and all messages of it with truth at every scan besides.
 
     Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns. Raises
     UserError at once where the scenario has no room for its robots.
     """
-    return _with_truth(Simulation(scenario, config))
+    simulation = Simulation(scenario, config)
+    return simulation, _with_truth(simulation)
 
 
 def _with_truth(simulation: Simulation) -> Iterator[Message]:
@@ -116,13 +137,19 @@ def _with_truth(simulation: Simulation) -> Iterator[Message]:
 
 
 def _sort_out(
-    messages: Iterator[Message],
+    messages: Iterator[Message], config: RobotConfig
 ) -> tuple[list[Measurement | Displacement], list[Truth]]:
     kept: list[Measurement | Displacement] = []
     truths: list[Truth] = []
+    bodies: list[Bodies] = []
     for message in messages:
         if isinstance(message, Truth):
             truths.append(message)
+        elif isinstance(message, Bodies):
+            bodies.append(message)
         elif isinstance(message, Scan | Positions | Bearings | Displacement):
             kept.append(message)
+    if bodies and not truths:
+        times = [message.time for message in kept if isinstance(message, Scan)]
+        truths = Tracks(bodies, config.mocap).truths(np.array(times))
     return kept, sorted(truths, key=lambda truth: truth.time)

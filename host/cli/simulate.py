@@ -38,8 +38,9 @@ def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Pa
     parsed, robot = scenarios.parse(scenario), options.robot(robot_path)
     counts: Counter[str] = Counter()
     begin, done = time.monotonic(), 0.0
-    header = Header(robot, options.LIDAR_AND_CAMERA, scenario)
-    messages = simulated(parsed, robot)  # before the file: what cannot be simulated leaves none
+    # Before the file: what cannot be simulated leaves none.
+    simulation, messages = simulated(parsed, robot)
+    header = Header(simulation.config, options.LIDAR_AND_CAMERA, scenario)
     with (
         Recorder(output, header) as recorder,
         click.progressbar(length=round(10 * parsed.seconds), file=sys.stderr) as bar,

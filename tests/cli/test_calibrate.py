@@ -1,95 +1,183 @@
-"""`swarmloc calibrate colour`, as a person uses it."""
+"""`swarmloc calibrate wheels|lidar|camera|detection`, as a person uses them."""
 
 import json
-import tomllib
+import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
-import click
-import cv2
 import pytest
 from click.testing import CliRunner, Result
 
 from host import config
-from host.cli.calibrate import calibrate
-from host.cli.main import Commands
-from host.config import Camera
-from host.perception.jpeg_decoder import TurboDecoder
-from tests.perception.drawn_strips import background, draw_strip, encode, place
+from host.cli.gathering import with_mocap
+from host.cli.main import main
+from host.config import RobotConfig
+from host.messages import Bodies, Displacement
+from host.recording.log import Recording
+from host.simulation.built import built
+from host.simulation.scenarios import parse
 
-FRONT = Camera().front
-
-
-@pytest.fixture
-def picture(tmp_path: Path) -> Path:
-    canvas = background(FRONT, 0)
-    draw_strip(canvas, Camera(), FRONT, place(FRONT, 0.3, 0.8))
-    path = tmp_path / "front.jpg"
-    path.write_bytes(encode(canvas))
-    return path
+EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
+DRIVE = "arena4:seed=1,seconds=60,misbuilt=1,lidar_delay_s=0.08,camera_delay_s=0.15,mocap_hz=100"
+TRUE = built(RobotConfig(), parse(DRIVE))
 
 
 def run(*arguments: str | Path) -> Result:
-    top = Commands("swarmloc", params=[click.Option(["--debug"], is_flag=True)])
-    top.add_command(calibrate)
-    return CliRunner().invoke(top, ["calibrate", "colour", *map(str, arguments)])
+    return CliRunner().invoke(main, [*map(str, arguments)])
 
 
-def test_prints_lines_for_robot_toml_and_draws_what_it_finds(picture: Path, tmp_path: Path) -> None:
-    output, figures = tmp_path / "seen.png", tmp_path / "colour.json"
-    result = run(picture, picture, "--output", output, "--json", figures)
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of a robot that is not as its configuration says."""
+    path = tmp_path_factory.mktemp("drive") / "drive.swarmloc"
+    result = run("simulate", DRIVE, "--output", path)
     assert result.exit_code == 0, result.output
-    toml = result.output[result.output.index("[camera.strip]") :].split("\n\n")[0]
-    strip = config.parse(toml).camera.strip
-    assert "1 strip; drawn in" in result.output
-    told = json.loads(figures.read_text())
-    assert told["strip"] == tomllib.loads(toml)["camera"]["strip"]
-    assert told["strip"]["saturation_min"] == strip.saturation_min
-    (blob,) = told["pictures"][1]["blobs"]
-    assert blob["bearing_rad"] == pytest.approx(0.3, abs=0.01)
-    for path in (output, tmp_path / "seen-2.png"):
-        assert cv2.imread(str(path)).shape == (FRONT.height_px, FRONT.width_px, 3)
+    return path
 
 
-def test_a_box_is_taken_for_each_picture(picture: Path, tmp_path: Path) -> None:
-    output = tmp_path / "seen.png"
-    assert run(picture, "--box", "700,60,200,120", "--output", output).exit_code == 0
-    result = run(picture, "--box", "0,900,40,40", "--output", output)
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    return Path(shutil.copyfile(EXAMPLE, tmp_path / "robot.toml"))
+
+
+def calibrate(kind: str, *arguments: str | Path, folder: Path) -> Result:
+    report = folder / f"{kind}.html"
+    return run("calibrate", kind, *arguments, "--report", report)
+
+
+def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_path: Path) -> None:
+    figures = tmp_path / "wheels.json"
+    result = calibrate("wheels", drive, "--robot", robot, "--json", figures, folder=tmp_path)
+    assert result.exit_code == 0, result.output
+    assert f"written to {robot}" in result.output
+    wheels = config.load(robot).wheels
+    assert wheels.left_radius_m == pytest.approx(TRUE.wheels.left_radius_m, rel=0.005)
+    assert wheels.right_radius_m == pytest.approx(TRUE.wheels.right_radius_m, rel=0.005)
+    assert wheels.track_m == pytest.approx(TRUE.wheels.track_m, rel=0.01)
+    assert json.loads(figures.read_text())["passed"] is True
+    assert "<svg" in (tmp_path / "wheels.html").read_text()
+
+    result = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
+    assert result.exit_code == 0, result.output
+    lidar = config.load(robot).lidar
+    assert lidar.heading_rad == pytest.approx(TRUE.lidar.heading_rad, abs=0.0035)
+    assert lidar.x_m == pytest.approx(TRUE.lidar.x_m, abs=0.003)
+    assert lidar.delay_s == pytest.approx(0.08, abs=0.005)
+    notes = re.findall(
+        r"^# (?:wheels|lidar) calibrated \d{4}-\d\d-\d\d from (\S+): .*rms", robot.read_text(), re.M
+    )
+    assert set(notes) == {str(drive)}
+
+    # The next one begins with what is written: nothing is left to find.
+    again = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
+    assert again.exit_code == 0
+    assert config.load(robot).lidar.delay_s == pytest.approx(lidar.delay_s, abs=1e-3)
+
+
+def test_a_recording_is_scored_by_its_motion_capture(drive: Path, tmp_path: Path) -> None:
+    """Truth from bodies, and readings as the given robot.toml would have had them."""
+    true = tmp_path / "true.json"
+    robot = tmp_path / "robot.toml"
+    robot.write_text(
+        f"[lidar]\nx_m = {TRUE.lidar.x_m}\nheading_rad = {TRUE.lidar.heading_rad}\n"
+        f"delay_s = 0.08\n[wheels]\nleft_radius_m = {TRUE.wheels.left_radius_m}\n"
+        f"right_radius_m = {TRUE.wheels.right_radius_m}\ntrack_m = {TRUE.wheels.track_m}\n"
+    )
+    result = run("evaluate", drive, "--robot", robot, "--filters", "phd", "--json", true)
+    assert result.exit_code == 0, result.output
+    before = tmp_path / "before.json"
+    assert run("evaluate", drive, "--filters", "phd", "--json", before).exit_code == 0
+    good, bad = (
+        min(row["gospa_m"] for row in json.loads(path.read_text())) for path in (true, before)
+    )
+    assert good < 0.6 * bad
+
+
+def test_a_fit_that_fails_is_not_written_unless_accepted(robot: Path, tmp_path: Path) -> None:
+    source = with_mocap("arena4:seed=1,seconds=4")
+    figures = tmp_path / "wheels.json"
+    result = calibrate("wheels", source, "--robot", robot, "--json", figures, folder=tmp_path)
     assert result.exit_code == 1
-    assert "no strip's colour" in result.output
-    for wrong in ("1,2,3", "a,b,c,d", "1,2,0,4"):
-        assert run(picture, "--box", wrong, "--output", output).exit_code == 2
-    result = run(picture, picture, "--box", "700,60,200,120", "--output", output)
-    assert result.exit_code == 2
-    assert "one each, or none" in result.output
+    assert "the wheels calibration is refused; nothing is written" in result.output
+    assert robot.read_text() == EXAMPLE.read_text()
+    told = json.loads(figures.read_text())
+    assert told["passed"] is False
+    assert told["failures"]
+    assert (tmp_path / "wheels.html").exists()
+
+    result = calibrate("wheels", source, "--robot", robot, "--accept", folder=tmp_path)
+    assert result.exit_code == 0, result.output
+    assert robot.read_text() != EXAMPLE.read_text()
 
 
-def test_a_gap_in_a_picture_that_only_the_search_would_notice_is_told_in_words(
-    picture: Path, tmp_path: Path
+def test_without_a_configuration_nothing_is_written(tmp_path: Path) -> None:
+    result = calibrate("wheels", "arena4:seed=1,seconds=4", "--accept", folder=tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "name your robot.toml with --robot" in result.output
+
+
+def test_what_a_drive_lacks_is_told_while_it_drives(tmp_path: Path) -> None:
+    recording = tmp_path / "live.swarmloc"
+    result = calibrate(
+        "wheels",
+        "--simulate",
+        "arena4:seed=1",
+        "--seconds",
+        "4",
+        "--record",
+        recording,
+        folder=tmp_path,
+    )
+    assert result.exit_code == 1
+    assert "drive further than 3 m" in result.output
+    kinds = {type(message) for message in Recording(recording).messages()}
+    assert {Bodies, Displacement} <= kinds
+
+
+def test_a_robot_without_motion_capture_is_told_so(tmp_path: Path) -> None:
+    result = calibrate("lidar", "--seconds", "2", folder=tmp_path)
+    assert result.exit_code == 1
+    assert "no motion capture" in result.output
+    assert "[mocap]" in result.output
+    plain = tmp_path / "plain.swarmloc"
+    assert run("simulate", "arena4:seconds=2", "--output", plain).exit_code == 0
+    result = calibrate("lidar", plain, folder=tmp_path)
+    assert result.exit_code == 1
+    assert "no motion capture" in result.output
+
+
+def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
+    for option in (("--seconds", "5"), ("--simulate", "arena4"), ("--record", "x.swarmloc")):
+        result = calibrate("lidar", "arena4:seconds=2", *option, folder=tmp_path)
+        assert result.exit_code == 2
+        assert "for a drive, not SOURCE" in result.output
+    for option in (("--boards", "left=x"), ("--board", "9by6"), ("--board", "1x6:0.1")):
+        assert calibrate("camera", "arena4:seconds=2", *option, folder=tmp_path).exit_code == 2
+
+
+def test_recorded_runs_fit_and_are_scored_on_others(
+    recorded: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    try:
-        TurboDecoder()
-    except OSError:
-        pytest.skip("libturbojpeg is not installed")
-    whole = picture.read_bytes()
-    gap = tmp_path / "gap.jpg"
-    gap.write_bytes(whole[: len(whole) // 4] + b"\xff\xd9")
-    result = run(gap, "--output", tmp_path / "seen.png")
-    assert (result.exit_code, "it is torn" in result.output) == (1, True), result.exception
+    runs, figures = recorded("optiodom"), tmp_path / "wheels.json"
+    tests = [f"optiodom:{runs / name}" for name in ("circular", "square")]
+    options = [part for test in tests for part in ("--test", test)]
+    result = calibrate(
+        "wheels", f"optiodom:{runs / 'free'}", *options, "--json", figures, folder=tmp_path
+    )
+    assert result.exit_code == 0, result.output
+    told = json.loads(figures.read_text())["tests"]
+    assert [test["source"] for test in told] == tests
+    for test in told:
+        assert test["fitted_end_error_m"] <= 0.55 * test["nominal_end_error_m"]
+        assert len(test["runs"]) == 2
 
 
-def test_pictures_that_cannot_be_used_are_told_in_words(picture: Path, tmp_path: Path) -> None:
-    torn = tmp_path / "torn.jpg"
-    torn.write_bytes(picture.read_bytes()[:-100])
-    small = tmp_path / "small.jpg"
-    small.write_bytes(encode(cv2.imread(str(picture))[::2, ::2]))
-    for path, words in (
-        (torn, "torn"),
-        (small, "960 x 540 px"),
-        (tmp_path / "absent.jpg", "cannot read"),
-    ):
-        result = run(path, "--output", tmp_path / "seen.png")
-        assert result.exit_code == 1
-        assert words in result.output
-        assert "Traceback" not in result.output
-    result = run(picture, "--output", tmp_path / "no" / "such.png")
-    assert (result.exit_code, "cannot write" in result.output) == (1, True)
+def test_runs_that_turn_one_way_only_are_refused(
+    recorded: Callable[[str], Path], robot: Path, tmp_path: Path
+) -> None:
+    (one,) = recorded("optiodom").glob("circular/*/*_run-01.csv")
+    result = calibrate("wheels", f"optiodom:{one}", "--robot", robot, folder=tmp_path)
+    assert result.exit_code == 1
+    assert "one turning direction" in " ".join(result.output.split())
+    assert robot.read_text() == EXAMPLE.read_text()

@@ -1,0 +1,93 @@
+"""Lenses from pictures of a checkerboard, for `swarmloc calibrate camera`."""
+
+import re
+from pathlib import Path
+
+import click
+import cv2
+
+from host.calibration.lens_fit import BoardView, LensFit, board_corners, find_corners, fit_lens
+from host.config import Camera, Eye
+from host.errors import UserError
+
+_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+def _folders(
+    _context: click.Context, _option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, Path]:
+    folders = {}
+    for text in texts:
+        eye, _, folder = text.partition("=")
+        if eye not in ("front", "rear") or not folder:
+            raise click.BadParameter(f"{text!r} is not like front=FOLDER or rear=FOLDER.")
+        folders[eye] = Path(folder)
+    return folders
+
+
+def _board(_context: click.Context, _option: click.Parameter, text: str) -> tuple[int, int, float]:
+    match = re.fullmatch(r"(\d+)x(\d+):(\d*\.?\d+)", text)
+    if match is None:
+        raise click.BadParameter(f"{text!r} is not like 9x6:0.025.")
+    columns, rows, square = int(match[1]), int(match[2]), float(match[3])
+    if min(columns, rows) < 3 or not 0.001 < square < 1.0:
+        raise click.BadParameter(f"{text!r}: 3 corners a side or more, squares of 1 mm to 1 m.")
+    return columns, rows, square
+
+
+boards_option = click.option(
+    "--boards",
+    multiple=True,
+    callback=_folders,
+    metavar="EYE=FOLDER",
+    help="Pictures of a checkerboard by one camera: its lens is fitted to them and held.",
+)
+board_option = click.option(
+    "--board",
+    default="9x6:0.025",
+    callback=_board,
+    show_default=True,
+    metavar="CxR:M",
+    help="That board: its inner corners a row and a column, and the side of its squares in m.",
+)
+
+
+def lenses(
+    folders: dict[str, Path], board: tuple[int, int, float], camera: Camera
+) -> dict[str, LensFit]:
+    """The lens of each eye, by its pictures. Raises UserError where these cannot tell it."""
+    found = {}
+    for name, folder in folders.items():
+        eye: Eye = getattr(camera, name)
+        found[name] = fit_lens(_views(folder, board, eye), eye)
+        click.echo(
+            f"{name} camera: lens fitted to {len(found[name].errors)} pictures, rms "
+            f"{found[name].rms_px:.2f} px"
+        )
+    return found
+
+
+def _views(folder: Path, board: tuple[int, int, float], eye: Eye) -> list[BoardView]:
+    paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
+    columns, rows, square = board
+    corners, views = board_corners(columns, rows, square), []
+    for path in paths:
+        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if grey is None:
+            raise UserError(f"{path} is no picture", "it cannot be decoded", "remove it")
+        if grey.shape != (eye.height_px, eye.width_px):
+            raise UserError(
+                f"{path} has {grey.shape[1]} x {grey.shape[0]} px",
+                f"the camera's pictures have {eye.width_px} x {eye.height_px} px in robot.toml",
+                "give pictures of that camera at that size",
+            )
+        pixels = find_corners(grey.astype("uint8"), columns, rows)
+        if pixels is not None:
+            views.append(BoardView(corners, pixels))
+    if not views:
+        raise UserError(
+            f"no checkerboard was found in {folder}",
+            f"{len(paths)} pictures were searched for {columns} x {rows} inner corners",
+            "give its inner corners with --board, and pictures that show all of it",
+        )
+    return views

@@ -1,0 +1,122 @@
+"""What the calibrations share on the command line: options, data in, verdict and fit out."""
+
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from host.calibration import figures, report, robot_file
+from host.calibration.gathered import Gathered
+from host.calibration.result import Calibration
+from host.cli import gathering, options
+from host.errors import UserError
+
+FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
+
+
+def fit_options(kind: str) -> Callable[[FC], FC]:
+    """The options that every fit has."""
+    choices = [
+        click.option(
+            "--robot",
+            "robot_path",
+            type=click.Path(path_type=Path, dir_okay=False),
+            metavar="FILE",
+            help="robot.toml to begin with, and to write the fit to.  [default: a Cherokey, "
+            "or the recording's, and nothing is written]",
+        ),
+        click.option(
+            "--simulate",
+            "scenario",
+            metavar="SCENARIO",
+            help="Without SOURCE: simulated devices instead of the robot's, as misbuilt4.",
+        ),
+        click.option(
+            "--seconds",
+            type=click.FloatRange(1.0),
+            help="Without SOURCE: end after so long.  [default: at Ctrl-C]",
+        ),
+        click.option(
+            "--record",
+            type=click.Path(path_type=Path, dir_okay=False),
+            metavar="FILE",
+            help="Without SOURCE: record the drive too.",
+        ),
+        click.option(
+            "--report",
+            "report_path",
+            type=click.Path(path_type=Path, dir_okay=False),
+            default=Path(f"calibration-{kind}.html"),
+            show_default=True,
+            metavar="FILE",
+            help="Report to write, with pictures.",
+        ),
+        click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
+        options.json_option,
+    ]
+
+    def decorate(command: FC) -> FC:
+        for choice in reversed(choices):
+            command = choice(command)
+        return command
+
+    return decorate
+
+
+class Fitting:
+    """One calibration on the command line: where its data are, and where its fit goes."""
+
+    def __init__(
+        self,
+        robot_path: Path | None,
+        scenario: str | None,
+        seconds: float | None,
+        record: Path | None,
+        report_path: Path,
+        accept: bool,
+        json_path: Path | None,
+    ) -> None:
+        self.robot_path = robot_path
+        self._live = (scenario, seconds, record)
+        self._report_path = report_path
+        self._accept = accept
+        self._json_path = json_path
+
+    def gather(self, source: str | None, advice: gathering.Advice) -> tuple[str, Gathered]:
+        """The data and their name: of a source, or of the devices where there is none."""
+        if source is None:
+            return gathering.live(self.robot_path, *self._live, advice)
+        self.check_source()
+        return source, gathering.from_source(source, self.robot_path)
+
+    def check_source(self) -> None:
+        """Raise a usage error for options that a source leaves no use for."""
+        if any(option is not None for option in self._live):
+            raise click.UsageError("--simulate, --seconds and --record are for a drive, not SOURCE")
+
+    def conclude(self, calibration: Calibration, source: str, **more: Any) -> None:
+        """Tell the verdict, write report and figures, and robot.toml where the fit is good.
+
+        Raises UserError where it is not, unless it was accepted beforehand.
+        """
+        date = datetime.date.today().isoformat()
+        robot = "a Cherokey" if self.robot_path is None else str(self.robot_path)
+        click.echo(figures.as_text(calibration))
+        report.write_html(self._report_path, calibration, source, date, robot)
+        click.echo(f"report: {self._report_path}")
+        content = {**figures.as_json(calibration, source, date), **more}
+        options.write_json(self._json_path, content)
+        if calibration.failures and not self._accept:
+            raise UserError(
+                f"the {calibration.kind} calibration is refused; nothing is written",
+                calibration.failures[0],
+                "mend what fails above, or write it nevertheless with --accept",
+            )
+        if self.robot_path is None:
+            click.echo("nothing is written: name your robot.toml with --robot")
+            return
+        note = f"{calibration.kind} calibrated {date} from {source}: {calibration.residuals}"
+        robot_file.update(self.robot_path, calibration.new_settings(), note)
+        click.echo(f"written to {self.robot_path}")
