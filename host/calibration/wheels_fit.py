@@ -32,7 +32,8 @@ from host.drivers.differential_drive import TURN_PER_METRE
 from host.messages import BoolArray, FloatArray
 
 WINDOW_S, STRIDE_S = 2.0, 0.25
-_REACH_S = 8.0  # errors so far apart have nothing to do with each other
+_REACH_S = 8.0  # errors so far apart have nothing to do with each other,
+_INDEPENDENT_S = 3.0  # and those so far apart little
 _OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
 
 _STEPS = np.array([1e-3, 1e-3, 5e-3, 0.01, 0.01, 0.02])  # changes that count; the first three ...
@@ -44,6 +45,7 @@ _LEAST = np.array([5e-4, 5e-4, 1e-3])  # and what it is not below, by motion cap
 _SOFT, _OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
 _LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1
 _NOISE_WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
+_BENT_RAD = 2.0  # turned by more, an arc's chord tells little of its length
 
 _Loss = Literal["linear", "soft_l1"]
 
@@ -197,7 +199,9 @@ class _Problem:
             loss=loss,
             f_scale=_SOFT * share,
             diff_step=np.full(len(start), 1e-4),
-            max_nfev=50,
+            ftol=1e-6,
+            xtol=1e-4,
+            max_nfev=20,
         )
         return np.asarray(start + found.x * self._steps)
 
@@ -224,9 +228,9 @@ class _Problem:
             same = self._windows.drives[lag:] == self._windows.drives[:-lag]
             pair = scores[lag:].T @ (same[:, None] * scores[:-lag])
             middle += (1.0 - lag / reach) * (pair + pair.T)
-        # Windows half the reach apart are about independent; with few of those the values bend to
-        # the noise, which then looks smaller than it is, and the weights lose some of it too.
-        independent = np.count_nonzero(used) * STRIDE_S / (0.5 * _REACH_S)
+        # With few independent windows the values bend to the noise, which then looks smaller than
+        # it is; the weights lose a little of it, too.
+        independent = np.count_nonzero(used) * STRIDE_S / _INDEPENDENT_S
         middle *= 1.1 * independent / max(independent - len(values), 1.0)
         held = np.diag(self._prior**-2.0)
         bread = np.linalg.inv(_OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
@@ -236,49 +240,48 @@ class _Problem:
 def noise(drives: Sequence[Drive], fitted: Fit) -> tuple[float, float, float]:
     """Fit distance_noise_m and heading_noise_rad as `differential_drive` has them; relative sigma.
 
-    From the mean squared error over 1 to 8 s, less what does not grow with the way: that is motion
-    capture's own. A heading that is wrong from the start or on the way puts the robot aside, which
-    is taken off the error of the place.
+    From how fast the squared error grows with the way and the turn from 2 to 8 s; of the way, from
+    1 to 4 s and by its length alone, to which an error of the heading adds nothing.
     """
     travelled = [_travelled(drive, fitted) for drive in drives]
-    rows = []
+    turns, ways = [], []
     for length in _NOISE_WINDOWS_S:
         windows = windows_of(drives, length, STRIDE_S)
         windows = windows.where(moving(drives, windows))
         if len(windows) < 4:
             continue
         wrong = misses(drives, fitted.counts, fitted.values, windows)
-        sigmas = np.maximum(1.4826 * np.median(np.abs(wrong), axis=0), _LEAST)
-        good = (np.abs(wrong) <= _OUTLIER * sigmas).all(axis=1)
-        way, turned = advance(drives, travelled, windows)[good].T
-        exposure = turned + TURN_PER_METRE * way
-        square = wrong[good] ** 2
-        rows.append(
-            [
-                square[:, 2].mean(),
-                exposure.mean(),
-                0.5 * square[:, :2].sum(axis=1).mean(),
-                way.mean(),
-                (way**2).mean(),
-                (way**2 * exposure).mean(),
-            ]
-        )
-    if len(rows) < 2:
-        return math.nan, math.nan, math.nan
-    turn, exposure, place, way, way_squared, aside = np.array(rows).T
-    still, heading = _line(exposure, turn)
-    place = np.maximum(
-        place - 0.5 * (0.5 * still * way_squared + heading * aside / 3.0), 0.1 * place
-    )
-    _, distance = _line(way, place)
+        moved = motions(drives, windows)
+        way, turned = advance(drives, travelled, windows).T
+        if length > _NOISE_WINDOWS_S[0]:
+            turns.append(_growth(turned + TURN_PER_METRE * way, wrong[:, 2]))
+        nearly_straight = np.abs(moved[:, 2]) < _BENT_RAD
+        if length < _NOISE_WINDOWS_S[-1] and np.count_nonzero(nearly_straight) >= 4:
+            chord = np.hypot(*moved[:, :2].T)
+            longer = np.hypot(*(moved + wrong)[:, :2].T) - chord
+            longer /= np.sinc(moved[:, 2] / math.tau)  # arc over chord
+            ways.append(_growth(way[nearly_straight], longer[nearly_straight]))
     independent = max(_OWN * np.count_nonzero(fitted.used), 1.0)
-    return math.sqrt(distance), math.sqrt(heading), 1.0 / math.sqrt(2.0 * independent)
+    return math.sqrt(_slope(ways)), math.sqrt(_slope(turns)), 1.0 / math.sqrt(2.0 * independent)
 
 
-def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Ordinate and slope, neither negative, of the line through points of equal relative error."""
-    found, _ = nnls(np.stack((1.0 / y, x / y), axis=1), np.ones(len(y)))
-    return float(found[0]), float(found[1])
+def _growth(exposure: FloatArray, wrong: FloatArray) -> tuple[float, float]:
+    """Mean exposure and mean squared error of windows, without those far out."""
+    sigma = max(1.4826 * float(np.median(np.abs(wrong))), _LEAST[0])
+    good = np.abs(wrong) <= _OUTLIER * sigma
+    return float(exposure[good].mean()), float(np.mean(wrong[good] ** 2))
+
+
+def _slope(points: Sequence[tuple[float, float]]) -> float:
+    """Slope, not below zero, of the line through points (x, y) of equal relative error in y; nan.
+
+    At x = 0 it may be below zero: slip that lasts a while adds little to short ways.
+    """
+    if len(points) < 2:
+        return math.nan
+    x, y = np.array(points).T
+    design = np.stack((1.0 / y, x / y), axis=1)
+    return max(float(np.linalg.lstsq(design, np.ones(len(y)), rcond=None)[0][1]), 0.0)
 
 
 def _travelled(drive: Drive, fitted: Fit) -> FloatArray:
@@ -289,15 +292,18 @@ def _travelled(drive: Drive, fitted: Fit) -> FloatArray:
 
 
 def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
-    """By how much (2,) s the stamps of a drive's ticks are late at its ends, by given geometry."""
+    """By how much (2,) s the stamps of a drive's ticks are late at its ends, by given geometry.
+
+    From the headings alone: on the straight, ticks that come ever later look like a smaller wheel.
+    """
     windows = windows_of([drive], WINDOW_S, STRIDE_S)
     windows = windows.where(moving([drive], windows))
     if len(windows) < 4:
         return np.zeros(2)
 
     def weighted(lags: FloatArray) -> FloatArray:
-        wrong = misses([drive], counts, np.concatenate((values[:6], lags)), windows)
-        return np.concatenate(((math.sqrt(_OWN) * wrong / _ROUGH).ravel(), lags / _LAG_PRIOR_S))
+        wrong = misses([drive], counts, np.concatenate((values[:6], lags)), windows)[:, 2]
+        return np.concatenate((math.sqrt(_OWN) * wrong / _ROUGH[2], lags / _LAG_PRIOR_S))
 
     found = least_squares(weighted, np.zeros(2), loss="soft_l1", diff_step=np.full(2, 1e-3))
     return np.asarray(found.x)

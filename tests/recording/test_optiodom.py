@@ -30,7 +30,8 @@ def test_a_session_a_folder_of_sessions_and_one_run_are_read(session):
     for place in (session, session.parent.parent):
         assert [run.name for run in optiodom.read(place)] == ["1234_run-01", "1234_run-02"]
     (run,) = optiodom.read(session / "1234_run-02.csv")
-    assert run.ticks.shape == (11, 2) and run.ticks.dtype == np.int64
+    assert run.ticks.shape == (11, 2)
+    assert run.ticks.dtype == np.int64
     assert np.diff(run.ticks, axis=0).tolist() == [[10, 30]] * 10
     assert run.truth[-1] == pytest.approx([0.1, 0.0, 0.1])
     assert run.times[-1] == pytest.approx(0.5)
@@ -53,7 +54,8 @@ def test_poses_that_were_lost_are_left_out_and_headings_unwrapped(session):
     ]
     (session / "1234_run-01.csv").write_text("\n".join(lines))
     run = optiodom.read(session / "1234_run-01.csv")[0]
-    assert len(run.times) == 21 and len(run.truth_times) == 20
+    assert len(run.times) == 21
+    assert len(run.truth_times) == 20
     assert run.truth[-1, 2] == pytest.approx(10.0)
 
 
@@ -108,7 +110,7 @@ def test_missing_files_are_told_apart(session, tmp_path):
     with pytest.raises(UserError, match="two rows or more, this one 1"):
         optiodom.read(session / "1234_run-01.csv")
     (session / "1234_metadata.csv").unlink()
-    with pytest.raises(UserError, match="there is no 1234_metadata.csv beside it"):
+    with pytest.raises(UserError, match=r"there is no 1234_metadata\.csv beside it"):
         optiodom.read(session)
 
 
