@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, percentile_filter
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, percentile_filter
 
 from host.config import Lidar
 from host.geometry import wrap
@@ -19,7 +19,7 @@ from host.messages import BoolArray, FloatArray, Scan
 _BINS = 1800
 _BIN_RAD = math.tau / _BINS
 _AROUND = 301  # bins that tell what is usual in a direction
-_BESIDE = 21  # bins about a sector that its edges may be in
+_EDGE, _BESIDE = 5, 21  # bins that an edge may be blurred over, and those that tell what is usual
 _NOTHING = 0.02  # of the usual: a stray return does not make a pillar transparent
 _LEAST_USUAL = 12.0  # returns in a bin, to tell nothing from little
 _NARROWEST_RAD, _WIDEST_RAD = math.radians(1.0), 3.1
@@ -89,33 +89,35 @@ def _sectors(counts: FloatArray, lidar: Lidar) -> list[Sector]:
     bearing = -math.pi + (np.arange(_BINS) + 0.5) * _BIN_RAD
     looked = np.abs(bearing) <= 0.5 * lidar.field_of_view_rad
     empty = (counts <= _NOTHING * usual) & (usual >= _LEAST_USUAL) & looked
-    clear = maximum_filter1d(empty.astype(np.int64), _BESIDE, mode="wrap") == 0
-    if not empty.any() or not clear.any():
+    # One odd bin does not cut a sector in two.
+    closed = minimum_filter1d(
+        maximum_filter1d(empty.view(np.uint8), 3, mode="wrap"), 3, mode="wrap"
+    )
+    clear = maximum_filter1d(closed, _BESIDE, mode="wrap") == 0
+    if not clear.any():
         return []
     start = int(np.argmax(clear))  # outside of every sector, so that none is cut in two
-    counts, usual, empty = (np.roll(array, -start) for array in (counts, usual, empty))
-    missing = 1.0 - counts / np.maximum(usual, 1.0)
-    found, place = [], 0
-    while place < _BINS:
-        if not empty[place]:
-            place += 1
-            continue
-        first, last = _edges(missing, place)
-        share = missing[first : last + 1]
-        width = _BIN_RAD * float(share.sum())
-        middle = float((share * np.arange(first, last + 1)).sum() / share.sum())
+    counts, closed = np.roll(counts, -start), np.roll(closed, -start).astype(np.int64)
+    firsts = np.flatnonzero(np.diff(closed, prepend=0) == 1)
+    lasts = np.flatnonzero(np.diff(closed, append=0) == -1)
+    found = []
+    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+        before = _beyond(counts[:first][::-1])
+        after = _beyond(counts[last + 1 :])
+        width = _BIN_RAD * (last + 1 - first + before + after)
+        middle = 0.5 * (first - before + last + 1 + after)
         if _NARROWEST_RAD <= width < _WIDEST_RAD:
-            centre = float(wrap(-math.pi + (start + middle + 0.5) * _BIN_RAD))
-            found.append(Sector(centre, width))
-        place = last + 1
+            found.append(Sector(float(wrap(-math.pi + (start + middle) * _BIN_RAD)), width))
     return sorted(found, key=lambda sector: sector.centre)
 
 
-def _edges(missing: FloatArray, inside: int) -> tuple[int, int]:
-    """First and last bin of the sector around a bin, with the half-filled ones at its edges."""
-    first = last = inside
-    while first > 0 and missing[first] > 0.5:
-        first -= 1
-    while last < _BINS - 1 and missing[last] > 0.5:
-        last += 1
-    return first, last
+def _beyond(counts: FloatArray) -> float:
+    """How many bins a sector goes on past its empty ones: half-filled bins at its edge.
+
+    counts (k,): of the bins from there outwards; what is usual is told by those a little further.
+    """
+    usual = float(np.median(counts[_EDGE : _EDGE + _BESIDE])) if len(counts) > _EDGE else 0.0
+    if usual == 0.0:
+        return 0.0
+    blurred = int(np.argmax(np.append(counts[:_EDGE] >= 0.5 * usual, True))) + 1
+    return float(np.sum(1.0 - np.minimum(counts[:blurred] / usual, 1.0)))

@@ -39,7 +39,8 @@ from host.messages import BoolArray, FloatArray
 advice = checks.advice
 
 _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
-_SHARE_LIMIT = 0.3  # of a rate, a noise or a steepness: how well it must be known
+_SHARE_LIMIT = 0.3  # of a noise or a steepness: how well it must be known
+_RATE_LIMIT = 0.5  # of a rate: false detections come in swarms
 _SECTOR_LIMIT_RAD = math.radians(0.5)
 _DEGREES = math.degrees(1.0)
 
@@ -118,7 +119,7 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
     noises = [range_noise(survey, clear & half) for half in (first | True, first, ~first)]
     name = "lidar range noise at 1 m"
     part.fitted.append(
-        _rate_row("lidar.range_noise_m", name, lidar.range_noise_m, noises, "mm", 1e3)
+        _rate_row("lidar.range_noise_m", name, lidar.range_noise_m, noises, "mm", 1e3, _SHARE_LIMIT)
     )
     dazzled = interference(survey, clear, curve)
     part.fitted += [
@@ -238,6 +239,7 @@ def _rate_row(
     fits: list[tuple[float, float]],
     unit: str,
     scale: float = 1.0,
+    share: float = _RATE_LIMIT,
 ) -> Fitted:
     """A row of a positive quantity, from its fits to all data and to the two halves."""
     (value, sigma), (early, _), (late, _) = fits
@@ -246,7 +248,7 @@ def _rate_row(
         name=name,
         value=value,
         sigma=sigma,
-        limit=_SHARE_LIMIT * max(value, before) if math.isfinite(value) else _SHARE_LIMIT * before,
+        limit=share * max(value, before) if math.isfinite(value) else share * before,
         before=before,
         halves=_finite((early, late)),
         unit=unit,

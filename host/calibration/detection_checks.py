@@ -19,6 +19,7 @@ _NEAR_M, _FAR_M, _LEAST_SIDE_VIEWS = 1.0, 1.5, 30
 _DIRECTIONS, _LEAST_A_DIRECTION = 12, 3
 _LEAST_HEADINGS = 9
 _BESIDE_M, _BESIDE_SHARE = 0.06, 1.5  # candidates further from the truth: a wrong mounting
+_NOWHERE_M = 0.5  # where candidates are not looked for any more
 _MEAN_ERROR_RAD, _MEAN_SHARE = math.radians(1.0), 0.5
 _LEAST_FREE_RAD = 200.0  # over all pictures; one turn of 6.3 rad a picture where nobody is
 _ADVICE_FRAMES = 300
@@ -32,7 +33,7 @@ def lidar_checks(
     """Conditions on what the lidar saw; clear (n,): the views outside of its blind sectors."""
     off = np.hypot(*survey.offsets[clear].T)
     off = off[np.isfinite(off)]
-    beside = float(np.median(off)) if len(off) else math.inf
+    beside = float(np.median(off)) if len(off) else _NOWHERE_M
     headings = directions(survey.robots[:, 2])
     return [
         _at_least("turns of the lidar", len(survey.times), _LEAST_TURNS, "", "drive on for longer"),

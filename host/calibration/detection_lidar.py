@@ -24,6 +24,7 @@ _EVERYWHERE_M = 12.0  # the curve is that of the finder, however much of it is u
 _CORE = 0.8  # of the turret's radius: samples further aside may be of what is behind
 _REACH_M = 0.02  # samples this far off the circle are of the turret
 _BLIND_MARGIN_RAD = math.radians(1.0)
+_WIDEST_GAP_RAD = math.radians(3.0)
 _NULL_SHARE = 0.7  # of the samples on a teammate: nothing comes back from it
 _NEAR_M, _NEAR_SHARE = 1.2, 0.6  # close by: both in metres and in half-ranges
 _STANDING = 0.5  # of the turns in which a thing would be detected if it were always there
@@ -123,7 +124,7 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
                 rows.append((s, j))
                 measured.append(_view(scan, found, crossings, (s, j), path, lidar))
         if np.isfinite(crossings.ways[s]).all():
-            areas[s] = visible_area(clearances[s], lidar.max_range_m)
+            areas[s] = visible_area(scan, lidar.max_range_m)
             false.append(_false(s, found, crossings, lidar))
     turns, mates = np.array(rows, dtype=np.int64).reshape(-1, 2).T
     table = np.array(measured).reshape(-1, 5)
@@ -173,11 +174,18 @@ def hidden(places: FloatArray, clearances: FloatArray, lidar: Lidar) -> BoolArra
     return np.asarray(free.min(axis=1) < distance - _HIDING_M)
 
 
-def visible_area(clearance: FloatArray, max_range_m: float) -> float:
-    """How much floor (m²) lies between the robot and what the scan met, within the range used."""
-    met = np.isfinite(clearance)
-    reach = np.minimum(clearance[met], max_range_m)
-    return float((reach**2).sum()) * math.pi / SECTORS
+def visible_area(scan: Scan, max_range_m: float) -> float:
+    """How much floor (m²) lies between the lidar and what it met, within the range used.
+
+    Triangles between returns side by side. Where nothing came back for longer, nothing was seen.
+    """
+    returned = scan.ranges > 0.0
+    order = np.argsort(scan.angles[returned], kind="stable")
+    angles = scan.angles[returned][order]
+    reach = np.minimum(scan.ranges[returned][order], max_range_m)
+    gaps = np.diff(angles, append=angles[:1] + math.tau)
+    gaps[gaps > _WIDEST_GAP_RAD] = 0.0
+    return 0.5 * float(np.sum(reach * np.roll(reach, -1) * np.sin(gaps)))
 
 
 def _view(

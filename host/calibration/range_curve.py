@@ -9,17 +9,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from host.messages import BoolArray, FloatArray, IntArray
 
 BLOCK_S = 5.0  # views of one teammate so near in time count as one piece of evidence
-_BEYOND_VIEWS, _BEYOND_BLOCKS = 30, 3  # needed beyond the half-range, to tell it
+_SIDE_VIEWS, _SIDE_BLOCKS = 20, 2  # needed on both sides of the half-range, to tell it
 _LEAST_P = 1e-6
 # A guess worth one view keeps what the data leave open from running away.
 _STEEPNESS, _STEEPNESS_SPREAD = 5.0, 1.0  # 1/m, and how far off its logarithm may be
-_BOUNDS = ((-6.0, 7.0), (0.1, 11.9), (math.log(0.3), math.log(90.0)))
-_STARTS_M = (0.8, 1.5, 2.5, 4.0)
+_BOUNDS = (-6.0, 0.1, math.log(0.3)), (7.0, 11.9, math.log(90.0))
+_MOST_STEPS, _MOST_HALVINGS, _LEAST_GAIN = 60, 12, 1e-7
+_STARTS_M = (1.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,9 @@ class Views:
 class RangeCurve:
     """A fitted curve. values (3,): most, half-range (m), steepness (1/m), covariance (3, 3).
 
-    reached: there are views enough beyond the half-range. Where not, half-range and steepness are
-    those that were configured, with nan for their variances. reach_m: how far the views go.
+    reached: there are views enough beyond the half-range to tell it. Where not, half-range and
+    steepness are those that were configured, with nan for their variances, unless the views go
+    beyond that half-range and so speak against it. reach_m: how far the views go.
     """
 
     values: FloatArray
@@ -77,7 +78,7 @@ class RangeCurve:
     @property
     def sigmas(self) -> FloatArray:
         """Standard deviations (3,) of the values."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
     def at(self, distances: FloatArray) -> FloatArray:
         """Detection probability (n,) at distances (n,) m."""
@@ -92,16 +93,23 @@ def _share(distances: FloatArray, half: float, steepness: float) -> FloatArray:
 def fit_curve(views: Views, configured: tuple[float, float]) -> RangeCurve:
     """Fit the curve to views, at least one. configured: half-range (m) and steepness (1/m)."""
     reach = float(np.quantile(views.distances, 0.98))
-    fits = [_descend(views, start) for start in _STARTS_M]
-    parameters = min(fits, key=lambda fit: fit[1])[0]
+    blocks = views.blocks
+    starts = (np.array([2.0, half, math.log(_STEEPNESS)]) for half in _STARTS_M)
+    fits = [_best(views, 1.0, start) for start in starts]
+    parameters = min(fits, key=lambda fit: _cost(views, 1.0, fit))
+    repeats = _repeats(views, parameters, blocks)
+    parameters = _best(views, repeats, parameters)
     half = parameters[1]
     beyond = views.distances > half
-    blocks = views.blocks
-    if beyond.sum() >= _BEYOND_VIEWS and len(np.unique(blocks[beyond])) >= _BEYOND_BLOCKS:
+    reached = all(
+        side.sum() >= _SIDE_VIEWS and len(np.unique(blocks[side])) >= _SIDE_BLOCKS
+        for side in (beyond, ~beyond)
+    )
+    if reached or configured[0] <= reach:
         most, steepness = _logistic(parameters[0]), math.exp(parameters[2])
         slopes = np.diag([most * (1.0 - most), 1.0, steepness])
-        covariance = slopes @ _sandwich(*_scores(views, parameters), blocks) @ slopes
-        return RangeCurve(np.array([most, half, steepness]), covariance, True, reach)
+        covariance = slopes @ _covariance(views, parameters, blocks, repeats) @ slopes
+        return RangeCurve(np.array([most, half, steepness]), covariance, reached, reach)
     return _only_most(views, configured, reach)
 
 
@@ -109,27 +117,59 @@ def _logistic(x: float) -> float:
     return 1.0 / (1.0 + math.exp(-x))
 
 
-def _descend(views: Views, start: float) -> tuple[FloatArray, float]:
-    """The best parameters (logit of most, half-range, log of steepness) from one start."""
+def _best(views: Views, repeats: float, start: FloatArray) -> FloatArray:
+    """The likeliest parameters (logit of most, half-range, log of steepness): Fisher scoring.
 
-    def cost(parameters: FloatArray) -> tuple[float, FloatArray]:
-        probability = _probability(views, parameters)
-        odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
-        most = _logistic(parameters[0])
-        chosen = np.where(views.seen, probability, 1.0 - probability)
-        value = -float(np.log(chosen).sum()) + 0.5 * odd**2 - 0.5 * math.log(most * (1.0 - most))
-        slope = -_scores(views, parameters)[0].sum(axis=0)
-        slope += (most - 0.5, 0.0, odd / _STEEPNESS_SPREAD)
-        return value, slope
+    repeats: views that tell no more than one does; the guess is worth one that does.
+    """
+    low, high = _BOUNDS
+    parameters, cost = start, _cost(views, repeats, start)
+    for _ in range(_MOST_STEPS):
+        slope, curvature = _slopes(views, repeats, parameters)
+        step = np.linalg.solve(curvature, slope)
+        for _ in range(_MOST_HALVINGS):
+            tried = np.clip(parameters - step, low, high)
+            gain = cost - _cost(views, repeats, tried)
+            if gain > 0.0:
+                break
+            step *= 0.5
+        if gain <= 0.0:
+            break
+        parameters, cost = tried, cost - gain
+        if gain < _LEAST_GAIN:
+            break
+    return parameters
 
-    found = minimize(
-        cost,
-        np.array([2.0, start, math.log(_STEEPNESS)]),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=_BOUNDS,
-    )
-    return np.asarray(found.x), float(found.fun)
+
+def _cost(views: Views, repeats: float, parameters: FloatArray) -> float:
+    probability = _probability(views, parameters)
+    odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
+    most = _logistic(parameters[0])
+    chosen = np.where(views.seen, probability, 1.0 - probability)
+    guess = 0.5 * float(odd) ** 2 - 0.5 * math.log(most * (1.0 - most))
+    return guess - float(np.log(chosen).sum()) / repeats
+
+
+def _slopes(views: Views, repeats: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First (3,) and expected second derivatives (3, 3) of the cost."""
+    scores, information = _scores(views, parameters)
+    odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
+    guess = np.array([_logistic(parameters[0]) - 0.5, 0.0, odd / _STEEPNESS_SPREAD])
+    curvature = information / repeats + _curvature(parameters)
+    return guess - scores.sum(axis=0) / repeats, curvature + 1e-9 * np.eye(3)
+
+
+def _curvature(parameters: FloatArray) -> FloatArray:
+    """Second derivatives (3, 3) of the guess."""
+    most = _logistic(parameters[0])
+    return np.diag([most * (1.0 - most), 0.0, 1.0 / _STEEPNESS_SPREAD**2])
+
+
+def _repeats(views: Views, parameters: FloatArray, blocks: IntArray) -> float:
+    """How many views tell no more than one would that depends on no other."""
+    probability = _probability(views, parameters)
+    off = (views.seen - probability) / np.sqrt(probability * (1.0 - probability))
+    return max(1.0, float(np.sum(np.bincount(blocks, off) ** 2) / np.sum(off**2)))
 
 
 def _probability(views: Views, parameters: FloatArray) -> FloatArray:
@@ -153,19 +193,28 @@ def _scores(views: Views, parameters: FloatArray) -> tuple[FloatArray, FloatArra
     return scores, np.asarray(slopes.T @ (slopes / variance[:, None]))
 
 
-def _sandwich(scores: FloatArray, information: FloatArray, blocks: IntArray) -> FloatArray:
-    """Covariance of parameters from scores (n, k) that are correlated within blocks (n,)."""
+def _covariance(
+    views: Views, parameters: FloatArray, blocks: IntArray, repeats: float
+) -> FloatArray:
+    """Covariance (3, 3) of the parameters: the sandwich, and no less than views by themselves.
+
+    Where hardly anything was missed close by, scores are nearly all 0 and say too little.
+    """
+    scores, information = _scores(views, parameters)
     count = int(blocks.max()) + 1
     sums = np.stack([np.bincount(blocks, column, count) for column in scores.T], axis=1)
-    inverse = np.linalg.pinv(information)
+    inverse = np.linalg.pinv(information + repeats * _curvature(parameters), hermitian=True)
     few = count / max(count - 1.0, 1.0)
-    return np.asarray(few * inverse @ (sums.T @ sums) @ inverse)
+    sandwich = few * inverse @ (sums.T @ sums) @ inverse
+    least = repeats * np.diagonal(inverse)
+    grown = np.sqrt(np.maximum(least / np.maximum(np.diagonal(sandwich), 1e-12), 1.0))
+    return np.asarray(sandwich * np.outer(grown, grown))
 
 
 def _only_most(views: Views, configured: tuple[float, float], reach: float) -> RangeCurve:
     """The greatest probability alone, where the fall with distance is out of the views' reach."""
     half, steepness = configured
-    share = _share(views.distances, half, steepness) if half > reach else np.ones(len(views))
+    share = _share(views.distances, half, steepness)
     true = views.seen - views.mistaken  # each on average caught * most * share
     expected = views.caught * share * (1.0 - views.mistaken)
     most = float(np.clip(true.sum() / expected.sum(), 1e-3, 1.0 - 0.5 / (len(views) + 1.0)))
