@@ -20,13 +20,11 @@ from host.calibration.detection_camera import (
     bearing_noise_sigma,
     survey_cameras,
 )
+from host.calibration.detection_clutter import clutter, interference, rate
 from host.calibration.detection_lidar import (
     LidarSurvey,
-    clutter,
-    interference,
     open_to,
     range_noise,
-    rate,
     survey_lidar,
 )
 from host.calibration.gathered import Gathered, Tracks

@@ -6,7 +6,8 @@ import numpy as np
 
 from host.calibration.blind_sectors import Sector
 from host.calibration.detection_camera import CameraSurvey
-from host.calibration.detection_lidar import Clutter, LidarSurvey
+from host.calibration.detection_clutter import Clutter
+from host.calibration.detection_lidar import LidarSurvey
 from host.calibration.range_curve import RangeCurve, Views
 from host.calibration.result import Picture, Series
 from host.messages import BoolArray, FloatArray

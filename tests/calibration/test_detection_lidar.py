@@ -7,7 +7,9 @@ import pytest
 from scipy.optimize import curve_fit
 
 from host.calibration import detection
-from host.calibration.detection_lidar import hidden, interference, survey_lidar
+from host.calibration.detection_clutter import interference
+from host.calibration.detection_lidar import LidarSurvey, hidden, survey_lidar
+from host.calibration.range_curve import RangeCurve, Views
 from host.calibration.result import Calibration, Fitted
 from host.config import BlindSector, Lidar, RobotConfig
 from host.geometry import wrap
@@ -17,7 +19,7 @@ from host.simulation.scenarios import parse
 from host.simulation.sensors import NOISE_RANGES_M, NOISE_STDS_M
 from tests.calibration.detection_drive import Count, lidar_drive, scans_only
 
-ROOM = "arena4:seconds=60,seed=3,side_m=5"
+ROOM = "arena4:seconds=50,seed=3,side_m=5"
 
 
 @pytest.fixture(scope="module")
@@ -158,22 +160,50 @@ def test_hidden_by_the_scan_does_not_look_at_the_turret_itself() -> None:
     assert not hidden(place, clearance, Lidar())[0]
 
 
+def seen_or_not(seen: list[int], nulls: list[float], distance: float = 0.8) -> LidarSurvey:
+    """Turns of 0.1 s with one teammate in each."""
+    n = len(seen)
+    times = 0.1 * np.arange(n)
+    views = Views(
+        times=times,
+        teammates=np.full(n, 2),
+        distances=np.full(n, distance),
+        bearings=np.zeros(n),
+        seen=np.array(seen, dtype=bool),
+        caught=np.ones(n),
+        mistaken=np.zeros(n),
+    )
+    none = np.zeros((n, 2))
+    return LidarSurvey(
+        times,
+        views,
+        none,
+        np.array(nulls),
+        none,
+        np.zeros((0, 3)),
+        np.ones(n),
+        np.zeros((n, 360)),
+        np.zeros((n, 3)),
+    )
+
+
 def test_interference_is_counted_in_turns_and_in_a_row() -> None:
-    """In the simulation, two lidars that aim at each other dazzle: without it none is lost so."""
-    lost = {}
-    for text in ("arena4:seconds=25,seed=1", "arena4:seconds=25,seed=1,interference_deg=0"):
-        gathered = lidar_drive(text)
-        survey = survey_lidar(gathered, gathered.tracks())
-        curve = detection.fit_curve(survey.views, (3.2, 6.0))
-        every = np.ones(len(survey.views), dtype=bool)
-        blind = gathered.config.lidar.blind_sectors
-        for s in blind:
-            every &= np.abs(wrap(survey.views.bearings - s.centre_rad)) > s.width_rad
-        lost[text] = interference(survey, every, curve)
-    with_it, without = lost.values()
-    assert with_it.share > 0.02
-    assert without.share < 0.4 * with_it.share  # nulls in runs
-    assert 1.0 / 8.0 < with_it.mean_s <= with_it.longest_s < 5.0
+    """Three in a row and one are lost to nulls; one is missed though its samples came back."""
+    curve = RangeCurve(np.array([0.9, 3.0, 5.0]), np.eye(3), True, 3.0)
+    seen = [1, 0, 0, 0, 1, 1, 0, 1, 0, 1]
+    nulls = [0.0, 1.0, 0.9, 1.0, 0.8, 0.0, 1.0, 0.0, 0.2, 0.0]
+    every = np.ones(10, dtype=bool)
+    found = interference(seen_or_not(seen, nulls), every, curve)
+    assert (found.share, found.views) == (pytest.approx(0.4), 10)
+    assert (found.mean_s, found.longest_s) == (pytest.approx(0.2), pytest.approx(0.3))
+    far = interference(seen_or_not(seen, nulls, distance=2.0), every, curve)
+    assert far.views == 0
+    assert math.isnan(far.share)
+
+
+def test_lidars_that_aim_at_each_other_show_as_interference() -> None:
+    fit = detection.calibrate(lidar_drive("arena4:seconds=25,seed=1"))
+    assert fit.figures["lidar"]["interference_share"] > 0.02
 
 
 @pytest.mark.slow
