@@ -32,6 +32,7 @@ class Wheels(Section):
     counts_per_turn: int = Field(1920, ge=4, le=100_000)
     distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m, grows with its root
     heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std after 1 rad, grows with its root
+    drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # of the heading after 1 m, likewise
     max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
     max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
 

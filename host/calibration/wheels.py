@@ -13,7 +13,7 @@ import numpy as np
 
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
-from host.calibration.wheels_fit import WINDOW_S, Fit, fit, lags_of, noise, rough_start
+from host.calibration.wheels_fit import WINDOW_S, Fit, fit, lags_of, rough_start
 from host.calibration.wheels_model import (
     GEOMETRY,
     LAGS,
@@ -25,11 +25,13 @@ from host.calibration.wheels_model import (
     relative,
     values_of,
 )
+from host.calibration.wheels_noise import noise
 from host.calibration.wheels_pictures import pictures
 from host.calibration.wheels_verdict import (
     BIN_S,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
+    NOISES,
     checks,
     coverage,
     noise_rows,
@@ -284,7 +286,7 @@ def apply(calibration: Calibration, wheels: Wheels, mocap: Mocap) -> tuple[Wheel
     wheels, mocap = configured(np.array(values), wheels, mocap)
     rest = {
         key.removeprefix("wheels."): new[key]
-        for key in ("wheels.counts_per_turn", "wheels.distance_noise_m", "wheels.heading_noise_rad")
+        for key in ("wheels.counts_per_turn", *NOISES)
         if key in new
     }
     return wheels.model_copy(update=rest), mocap

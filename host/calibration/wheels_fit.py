@@ -28,24 +28,21 @@ from host.calibration.wheels_model import (
     relative,
     windows_of,
 )
-from host.drivers.differential_drive import TURN_PER_METRE
 from host.messages import BoolArray, FloatArray
 
 WINDOW_S, STRIDE_S = 2.0, 0.25
 _REACH_S = 8.0  # errors so far apart have nothing to do with each other,
 _INDEPENDENT_S = 3.0  # and those so far apart little
-_OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
+OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
 
 _STEPS = np.array([1e-3, 1e-3, 5e-3, 0.01, 0.01, 0.02])  # changes that count; the first three ...
 # How far values may be from what is configured: this holds only what the data do not tell.
 _PRIOR = np.array([0.1, 0.1, 0.2, 0.3, 0.3, 3.0])  # ... are relative, here too
 _LAG_STEP_S, _LAG_PRIOR_S = 0.02, 0.2
 _ROUGH = np.array([0.02, 0.02, 0.03])  # noise of a window before it is known: m, m, rad
-_LEAST = np.array([5e-4, 5e-4, 1e-3])  # and what it is not below, by motion capture alone
-_SOFT, _OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
+LEAST = np.array([5e-4, 5e-4, 1e-3])  # and what it is not below, by motion capture alone
+_SOFT, OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
 _LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1
-_NOISE_WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
-_BENT_RAD = 2.0  # turned by more, an arc's chord tells little of its length
 
 _Loss = Literal["linear", "soft_l1"]
 
@@ -142,7 +139,7 @@ def fit(
         values = problem.solve(values, sigmas, used, "soft_l1")
         wrong = misses(drives, counts, values, windows)
         sigmas = _spread(wrong, exposure, used)
-    used = used & (np.abs(wrong) <= _OUTLIER * sigmas).all(axis=1)
+    used = used & (np.abs(wrong) <= OUTLIER * sigmas).all(axis=1)
     values = problem.solve(values, sigmas, used, "linear")
     wrong = misses(drives, counts, values, windows)
     covariance = problem.covariance(values, wrong, sigmas, used)
@@ -155,7 +152,7 @@ def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatAr
     exposure (w, 3): one, way, turn. Robust: squares count up to 9 times what is expected of them.
     """
     sigmas = np.zeros_like(wrong)
-    for k, least in enumerate(_LEAST):
+    for k, least in enumerate(LEAST):
         squares = wrong[:, k] ** 2
         variance = np.full(len(wrong), max(2.2 * np.median(squares[used]), least**2))
         for _ in range(3):
@@ -184,7 +181,7 @@ class _Problem:
         self, start: FloatArray, sigmas: FloatArray, used: BoolArray, loss: _Loss
     ) -> FloatArray:
         """The best values (v,). sigmas (w, 3): of windows' residuals. used (w,)."""
-        share = math.sqrt(_OWN)
+        share = math.sqrt(OWN)
         chosen = self._windows.where(used)
 
         def weighted(steps: FloatArray) -> FloatArray:
@@ -233,62 +230,8 @@ class _Problem:
         independent = np.count_nonzero(used) * STRIDE_S / _INDEPENDENT_S
         middle *= 1.1 * independent / max(independent - len(values), 1.0)
         held = np.diag(self._prior**-2.0)
-        bread = np.linalg.inv(_OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
-        return np.asarray(bread @ (_OWN**2 * middle + held) @ bread)
-
-
-def noise(drives: Sequence[Drive], fitted: Fit) -> tuple[float, float, float]:
-    """Fit distance_noise_m and heading_noise_rad as `differential_drive` has them; relative sigma.
-
-    From how fast the squared error grows with the way and the turn from 2 to 8 s; of the way, from
-    1 to 4 s and by its length alone, to which an error of the heading adds nothing.
-    """
-    travelled = [_travelled(drive, fitted) for drive in drives]
-    turns, ways = [], []
-    for length in _NOISE_WINDOWS_S:
-        windows = windows_of(drives, length, STRIDE_S)
-        windows = windows.where(moving(drives, windows))
-        if len(windows) < 4:
-            continue
-        wrong = misses(drives, fitted.counts, fitted.values, windows)
-        moved = motions(drives, windows)
-        way, turned = advance(drives, travelled, windows).T
-        if length > _NOISE_WINDOWS_S[0]:
-            turns.append(_growth(turned + TURN_PER_METRE * way, wrong[:, 2]))
-        nearly_straight = np.abs(moved[:, 2]) < _BENT_RAD
-        if length < _NOISE_WINDOWS_S[-1] and np.count_nonzero(nearly_straight) >= 4:
-            chord = np.hypot(*moved[:, :2].T)
-            longer = np.hypot(*(moved + wrong)[:, :2].T) - chord
-            longer /= np.sinc(moved[:, 2] / math.tau)  # arc over chord
-            ways.append(_growth(way[nearly_straight], longer[nearly_straight]))
-    independent = max(_OWN * np.count_nonzero(fitted.used), 1.0)
-    return math.sqrt(_slope(ways)), math.sqrt(_slope(turns)), 1.0 / math.sqrt(2.0 * independent)
-
-
-def _growth(exposure: FloatArray, wrong: FloatArray) -> tuple[float, float]:
-    """Mean exposure and mean squared error of windows, without those far out."""
-    sigma = max(1.4826 * float(np.median(np.abs(wrong))), _LEAST[0])
-    good = np.abs(wrong) <= _OUTLIER * sigma
-    return float(exposure[good].mean()), float(np.mean(wrong[good] ** 2))
-
-
-def _slope(points: Sequence[tuple[float, float]]) -> float:
-    """Slope, not below zero, of the line through points (x, y) of equal relative error in y; nan.
-
-    At x = 0 it may be below zero: slip that lasts a while adds little to short ways.
-    """
-    if len(points) < 2:
-        return math.nan
-    x, y = np.array(points).T
-    design = np.stack((1.0 / y, x / y), axis=1)
-    return max(float(np.linalg.lstsq(design, np.ones(len(y)), rcond=None)[0][1]), 0.0)
-
-
-def _travelled(drive: Drive, fitted: Fit) -> FloatArray:
-    """Way (m) and turned angle (rad) since the start of a drive (n, 2), without sign."""
-    steps = np.diff(path(drive, fitted.counts, fitted.values), axis=0, prepend=np.zeros((1, 3)))
-    way = np.hypot(steps[:, 0], steps[:, 1])
-    return np.cumsum(np.stack((way, np.abs(steps[:, 2])), axis=1), axis=0)
+        bread = np.linalg.inv(OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
+        return np.asarray(bread @ (OWN**2 * middle + held) @ bread)
 
 
 def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
@@ -303,7 +246,7 @@ def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
 
     def weighted(lags: FloatArray) -> FloatArray:
         wrong = misses([drive], counts, np.concatenate((values[:6], lags)), windows)[:, 2]
-        return np.concatenate((math.sqrt(_OWN) * wrong / _ROUGH[2], lags / _LAG_PRIOR_S))
+        return np.concatenate((math.sqrt(OWN) * wrong / _ROUGH[2], lags / _LAG_PRIOR_S))
 
     found = least_squares(weighted, np.zeros(2), loss="soft_l1", diff_step=np.full(2, 1e-3))
     return np.asarray(found.x)

@@ -9,6 +9,7 @@ import numpy as np
 from host.calibration.result import Check, Fitted
 from host.calibration.wheels_fit import WINDOW_S, Fit
 from host.calibration.wheels_model import LAGS, Drive, motions, values_of, windows_of
+from host.calibration.wheels_noise import Noise
 from host.config import Mocap, Wheels
 from host.geometry import wrap
 from host.messages import FloatArray
@@ -20,6 +21,7 @@ _LEAST_USED = 0.6  # of the windows
 _PLAUSIBLE = 0.15  # relative, of a radius
 _TOO_ALIKE = 0.95  # correlation of the track with the difference of the radii
 _LEAST_SPREAD = 0.08  # of `Coverage.spread`
+NOISES = ("wheels.distance_noise_m", "wheels.heading_noise_rad", "wheels.drift_noise_rad")
 _LEAST_NOISE_M, _LEAST_NOISE_RAD = 0.001, 0.001
 BIN_S = 2.0
 
@@ -116,29 +118,27 @@ def value_rows(
     return (*rows, lag)
 
 
-def noise_rows(noises: tuple[float, float, float], wheels: Wheels) -> tuple[Fitted, Fitted]:
-    distance, heading, relative_sigma = noises
-    distance, heading = max(distance, _LEAST_NOISE_M), max(heading, _LEAST_NOISE_RAD)
-    return (
-        Fitted(
-            key="wheels.distance_noise_m",
-            name="noise of the way after 1 m",
-            value=distance,
-            sigma=relative_sigma * distance,
-            before=wheels.distance_noise_m,
-            unit="mm",
-            scale=1e3,
-        ),
-        Fitted(
-            key="wheels.heading_noise_rad",
-            name="noise of the heading after 1 rad",
-            value=heading,
-            sigma=relative_sigma * heading,
-            before=wheels.heading_noise_rad,
-            unit="deg",
-            scale=180.0 / math.pi,
-        ),
-    )
+def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
+    found = {
+        "distance_noise_m": ("noise of the way after 1 m", noise.distance, _LEAST_NOISE_M),
+        "heading_noise_rad": ("noise of the heading after 1 rad", noise.heading, _LEAST_NOISE_RAD),
+        "drift_noise_rad": ("noise of the heading after 1 m", noise.drift, _LEAST_NOISE_RAD),
+    }
+    rows = []
+    for key, (name, value, least) in found.items():
+        value = max(value, least) if math.isfinite(value) else math.nan
+        rows.append(
+            Fitted(
+                key=f"wheels.{key}",
+                name=name,
+                value=value,
+                sigma=noise.relative_sigma * value,
+                before=getattr(wheels, key),
+                unit="mm" if key.endswith("_m") else "deg",
+                scale=1e3 if key.endswith("_m") else 180.0 / math.pi,
+            )
+        )
+    return tuple(rows)
 
 
 def checks(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:

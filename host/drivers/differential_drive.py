@@ -5,10 +5,6 @@ import math
 from host.config import Wheels
 from host.messages import Displacement
 
-# A metre driven straight makes the heading as uncertain as a turn by so many radians: wheels slip
-# and tyres differ on the straight too, and without it heading would be known for ever.
-TURN_PER_METRE = 0.1
-
 
 def displacement(
     wheels: Wheels, time: float, interval: float, left_ticks: int, right_ticks: int
@@ -19,7 +15,8 @@ def displacement(
     radius and counter-clockwise positive: dpsi = (right - left) / track. At constant wheel speeds
     the path is an arc; (dx, dy) is its chord, of length D sin(dpsi/2) / (dpsi/2) and direction
     dpsi/2. The variances grow with the way: distance_noise² per metre for the translation,
-    heading_noise² per radian turned (and TURN_PER_METRE radians per metre) for the heading.
+    heading_noise² per radian turned and drift_noise² per metre for the heading: wheels slip and
+    tyres differ on the straight too.
     """
     left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
     right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
@@ -34,7 +31,7 @@ def displacement(
         dy=chord * math.sin(half),
         dpsi=dpsi,
         translation_variance=wheels.distance_noise_m**2 * way,
-        heading_variance=wheels.heading_noise_rad**2 * (abs(dpsi) + TURN_PER_METRE * way),
+        heading_variance=wheels.heading_noise_rad**2 * abs(dpsi) + wheels.drift_noise_rad**2 * way,
         ticks=(left_ticks, right_ticks),
     )
 

@@ -113,6 +113,7 @@ def test_without_noise_every_number_comes_back():
         *BODY,
         "wheels.distance_noise_m",
         "wheels.heading_noise_rad",
+        "wheels.drift_noise_rad",
     }
 
 
@@ -146,6 +147,21 @@ def test_noise_is_that_of_the_slip():
     heading = math.sqrt(rate / 0.151**2 / (0.7 + 0.1 * 0.25))
     assert values["wheels.distance_noise_m"] == pytest.approx(way, rel=0.3)
     assert values["wheels.heading_noise_rad"] == pytest.approx(heading, rel=0.3)
+
+
+def test_drift_is_told_from_the_noise_of_turning():
+    random, count = np.random.default_rng(2), 30000
+    straight = np.tile(np.repeat([1.0, 0.0], 800), count // 1600 + 1)[:count]
+    rates = (1.0 - straight) * 1.5 * np.where(np.arange(count) // 1600 % 2, 1.0, -1.0)
+    speeds = 0.3 * straight + 0.02
+    found = calibrate([drive(speeds, rates, random)], Wheels(), Mocap())
+    values = {row.key: row.value for row in found.fitted}
+    drift = math.sqrt(2.0 * 0.5 * 0.01**2 * 2.0 * 0.32**2 / 0.151**2 / 0.32)
+    wheels = np.array([0.02 - 1.5 * 0.151 / 2.0, 0.02 + 1.5 * 0.151 / 2.0])
+    turning = 2.0 * 0.5 * 0.01**2 * np.sum(wheels**2) / 0.151**2
+    heading = math.sqrt((turning - drift**2 * 0.02) / 1.5)
+    assert values["wheels.drift_noise_rad"] == pytest.approx(drift, rel=0.35)
+    assert values["wheels.heading_noise_rad"] == pytest.approx(heading, rel=0.5)
 
 
 def test_pushes_are_left_out():

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from host.config import Wheels
 from host.drivers.differential_drive import (
-    TURN_PER_METRE,
     body_speeds,
     displacement,
     wheel_speeds,
@@ -57,8 +56,8 @@ def test_variances_add_up_over_pieces_and_do_not_depend_on_direction(sign: int) 
     assert whole.heading_variance == pytest.approx(sum(p.heading_variance for p in parts))
     way = abs(0.0325 * 900 + 0.033 * 1100) * math.pi / 1900
     assert whole.translation_variance == pytest.approx(WHEELS.distance_noise_m**2 * way)
-    turned = abs(whole.dpsi) + TURN_PER_METRE * way
-    assert whole.heading_variance == pytest.approx(WHEELS.heading_noise_rad**2 * turned)
+    expected = WHEELS.heading_noise_rad**2 * abs(whole.dpsi) + WHEELS.drift_noise_rad**2 * way
+    assert whole.heading_variance == pytest.approx(expected)
 
 
 def test_a_robot_at_rest_has_no_odometry_noise() -> None:
