@@ -50,6 +50,7 @@ def scans_only(gathered: Gathered, config: RobotConfig) -> Gathered:
     return again
 
 
+@functools.cache
 def camera_drive(text: str, config: RobotConfig | None = None) -> Gathered:
     """The cameras of the same, at 10 Hz, without the rest of the robot."""
     scenario = parse(text)

@@ -62,7 +62,7 @@ def test_pictures_can_be_drawn(fit: Calibration) -> None:
 
 def eyes(noise_deg: float, pixels_deg: float, off_deg: float = 0.0) -> Gathered:
     """Two cameras that see half each, every teammate in view, and tell their pixels' variances."""
-    scenario = parse("arena4:seconds=60,seed=5,posts=0")
+    scenario = parse("arena4:seconds=40,seed=5,posts=0")
     arena = Arena(scenario)
     config = RobotConfig()
     random = np.random.default_rng(8)
@@ -70,7 +70,7 @@ def eyes(noise_deg: float, pixels_deg: float, off_deg: float = 0.0) -> Gathered:
     gathered.bodies = bodies(arena, scenario.seconds)
     known = config.camera.bearing_noise_rad**2 + math.radians(pixels_deg) ** 2
     noise = math.radians(math.hypot(noise_deg, pixels_deg))
-    for k in range(1, 599):
+    for k in range(1, 399):
         (poses,) = arena.poses(np.array([k / 10.0]))
         for eye, centre in (("front", 0.0), ("rear", math.pi)):
             origin = (0.05 * math.cos(centre), 0.0)
@@ -115,7 +115,7 @@ def test_a_mounting_that_is_off_is_named_as_the_cause() -> None:
 
 
 def test_in_a_small_room_the_half_range_is_kept() -> None:
-    fit = detection.calibrate(camera_drive("arena4:seconds=60,seed=2"))
+    fit = detection.calibrate(camera_drive("arena4:seconds=30,seed=2"))
     assert "camera.half_range_m" not in fit.new_settings()
     assert "kept" in row(fit, "camera half-range").name
 

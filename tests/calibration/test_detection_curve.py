@@ -19,7 +19,7 @@ def chance(distances: FloatArray) -> FloatArray:
 
 def views(
     random: np.random.Generator,
-    count: int = 1500,
+    count: int = 1200,
     farthest: float = 4.5,
     mistaken: float = 0.0,
     caught: float = 1.0,
@@ -56,7 +56,7 @@ def test_a_known_curve_is_found_to_its_own_sigmas() -> None:
 def test_sigmas_are_honest_also_where_views_in_a_row_say_the_same(sticky: int) -> None:
     z = [
         errors(fit_curve(views(np.random.default_rng([7, k]), sticky=sticky), CONFIGURED))
-        for k in range(24)
+        for k in range(16)
     ]
     spread = np.sqrt(np.mean(np.square(z), axis=0))
     assert np.all((spread[:2] > 0.5) & (spread[:2] < 1.7)), spread

@@ -114,7 +114,7 @@ def test_pictures_can_be_drawn(fit: Calibration) -> None:
 
 
 def test_in_a_small_room_the_half_range_is_kept() -> None:
-    fit = detection.calibrate(lidar_drive("arena4:seconds=25,seed=1"))
+    fit = detection.calibrate(lidar_drive("arena4:seconds=20,seed=1"))
     assert "lidar.half_range_m" not in fit.new_settings()
     assert "lidar.range_steepness_per_m" not in fit.new_settings()
     assert "kept" in row(fit, "lidar half-range").name
@@ -122,7 +122,7 @@ def test_in_a_small_room_the_half_range_is_kept() -> None:
 
 
 def test_a_mounting_that_is_off_is_named_as_the_cause() -> None:
-    gathered = lidar_drive("arena4:seconds=25,seed=1")
+    gathered = lidar_drive("arena4:seconds=20,seed=1")
     lidar = gathered.config.lidar.model_copy(update={"heading_rad": math.radians(5.0)})
     off = scans_only(gathered, gathered.config.model_copy(update={"lidar": lidar}))
     (failure,) = [f for f in detection.calibrate(off).failures if "beside the truth" in f]
@@ -131,8 +131,8 @@ def test_a_mounting_that_is_off_is_named_as_the_cause() -> None:
 
 def test_a_teammate_behind_a_nearer_one_or_a_post_is_no_miss() -> None:
     """Every view that counts is clear of all nearer cylinders, by the true places of them."""
-    gathered = lidar_drive("arena4:seconds=25,seed=1")
-    arena = Arena(parse("arena4:seconds=25,seed=1"))
+    gathered = lidar_drive("arena4:seconds=20,seed=1")
+    arena = Arena(parse("arena4:seconds=20,seed=1"))
     views = survey_lidar(gathered, gathered.tracks()).views
     poses = arena.poses(views.times)
     covered = 0
@@ -144,7 +144,7 @@ def test_a_teammate_behind_a_nearer_one_or_a_post_is_no_miss() -> None:
         nearer = distance < distance[j] - 0.2
         off = np.abs(wrap(bearing - bearing[j]))
         covered += bool((nearer & (off < np.arcsin(0.0325 / distance))).any())
-    assert len(views) > 300
+    assert len(views) > 250
     assert covered <= 0.01 * len(views)
 
 
@@ -202,7 +202,7 @@ def test_interference_is_counted_in_turns_and_in_a_row() -> None:
 
 
 def test_lidars_that_aim_at_each_other_show_as_interference() -> None:
-    fit = detection.calibrate(lidar_drive("arena4:seconds=25,seed=1"))
+    fit = detection.calibrate(lidar_drive("arena4:seconds=20,seed=1"))
     assert fit.figures["lidar"]["interference_share"] > 0.02
 
 
