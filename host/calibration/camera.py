@@ -82,7 +82,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     off = _used_errors(fit)
     return Calibration(
         kind="camera",
-        fitted=_rows(gathered, fit, halves, known, off, isinstance(reference, Captured)),
+        fitted=_rows(gathered, fit, halves, known, off),
         checks=verdict(camera, fit, halves, table),
         residuals=(
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
@@ -150,7 +150,6 @@ def _rows(
     halves: Halves,
     known: Mapping[str, Eye],
     off: FloatArray,
-    captured: bool,
 ) -> tuple[Fitted, ...]:
     camera = gathered.config.camera
     sigmas = np.sqrt(np.diag(fit.covariance))
@@ -189,8 +188,7 @@ def _rows(
         scale=1000.0,
     )
     spread = Fitted(
-        # Against the lidar it is that of both sensors together.
-        key="camera.bearing_noise_rad" if captured else "",
+        key="",  # the fit of detection writes it
         name="noise of a bearing",
         value=noise,
         sigma=noise / math.sqrt(2.0 * max(len(off), 1)),

@@ -71,7 +71,7 @@ def calibrate(gathered: Gathered) -> Calibration:
         raise UserError(
             "there is nothing to tell detection from",
             "neither a scan of the lidar nor a picture of a camera was received",
-            "check lidar and cameras with `swarmloc doctor`",
+            "look how lidar and cameras do with `swarmloc run`",
         )
     parts, scanned = [], None
     if gathered.scans:

@@ -66,7 +66,7 @@ def drive_of(gathered: Gathered) -> Drive:
         raise UserError(
             "there are no wheel ticks to calibrate with",
             "the board sent no displacement, or the recording was made without ticks",
-            "check that the board is connected (swarmloc doctor), and record again",
+            "see how the board does with `swarmloc run`, and record again",
         )
     times = np.array([steps[0].time - steps[0].interval, *(step.time for step in steps)])
     ticks = np.cumsum([(0, 0), *(step.ticks for step in steps if step.ticks)], axis=0)
