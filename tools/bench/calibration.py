@@ -37,9 +37,7 @@ def calibrated(folder: Path, seconds: int) -> RobotConfig:
     swarmloc("simulate", f"{SCENARIO}:seed=1,seconds={seconds}", "--output", str(drive))
     for kind in ("wheels", "lidar", "camera"):
         report = folder / f"{kind}.html"
-        swarmloc(
-            "calibrate", kind, str(drive), "--robot", str(robot), "--report", str(report)
-        )
+        swarmloc("calibrate", kind, str(drive), "--robot", str(robot), "--report", str(report))
     return config.load(robot)
 
 
