@@ -2,7 +2,8 @@
 
 What was measured stays: ticks, samples, pixels. What the configuration made of it is made again:
 odometry from the wheels, times from the delays, bearings from lens and mounting. So a recording
-shows what a calibration is worth, and one recording serves every calibration.
+shows what a calibration is worth, and one recording serves every calibration. Pictures are not
+searched again: what was no strip stays none, and ranges by size are those of the old lens.
 """
 
 import dataclasses
@@ -11,9 +12,9 @@ import numpy as np
 
 from host.config import Eye, RobotConfig
 from host.drivers.differential_drive import displacement
-from host.geometry import wrap
-from host.messages import Bearings, Displacement, Message, Scan
+from host.messages import Bearings, BoolArray, Displacement, Message, Scan
 from host.perception.lens import View
+from host.perception.strip_geometry import StripGeometry
 
 
 class Reinterpretation:
@@ -25,7 +26,7 @@ class Reinterpretation:
         self._later_camera = old.camera.delay_s - new.camera.delay_s
         self._noise = new.camera.bearing_noise_rad**2 - old.camera.bearing_noise_rad**2
         self._views = {
-            name: (View(after), after.heading_rad - before.heading_rad)
+            name: (View(after), StripGeometry(new.camera, after).view)
             for name, before, after in (
                 ("front", old.camera.front, new.camera.front),
                 ("rear", old.camera.rear, new.camera.rear),
@@ -60,14 +61,24 @@ class Reinterpretation:
             )
         if message.eye not in self._views or message.pixels is None:
             return message
-        view, turned = self._views[message.eye]
+        view, shown = self._views[message.eye]
         directions = view.directions_of(message.pixels)
+        drawn = np.isfinite(directions[:, 0])  # the new lens may end before the old one
+        message = _part(message, drawn)
         return dataclasses.replace(
             message,
-            bearings=np.arctan2(directions[:, 1], directions[:, 0]),
+            bearings=np.arctan2(directions[drawn, 1], directions[drawn, 0]),
             origin=(float(view.origin[0]), float(view.origin[1])),
-            view=(float(wrap(message.view[0] + turned)), message.view[1]),
+            view=shown,
         )
+
+
+def _part(message: Bearings, chosen: BoolArray) -> Bearings:
+    """The message with those of its strips that are chosen (n,)."""
+    columns = ("bearings", "variances", "identities", "ranges", "range_variances", "pixels")
+    rows = {name: getattr(message, name) for name in columns}
+    kept = {name: row[chosen] for name, row in rows.items() if row is not None}
+    return dataclasses.replace(message, **kept)
 
 
 def _placed(eye: Eye) -> Eye:

@@ -6,6 +6,7 @@ import pytest
 from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.messages import Bearings, Displacement, Message, Scan
+from host.perception.red_strip import StripFinder
 from host.simulation.built import built
 from host.simulation.scenarios import parse
 from host.simulation.world import Simulation
@@ -51,7 +52,7 @@ def test_bearings_are_those_of_the_other_mounting(
     for one, other in zip(made, expected, strict=True):
         assert one.time == pytest.approx(other.time, abs=1e-9)
         assert (one.eye, one.origin) == (other.eye, other.origin)
-        assert one.view == pytest.approx(other.view, abs=0.01)
+        assert one.view == other.view
         assert one.pixels is not None
         assert other.pixels is not None
         for pixel, bearing in zip(one.pixels, one.bearings, strict=True):
@@ -60,6 +61,31 @@ def test_bearings_are_those_of_the_other_mounting(
                 assert bearing == pytest.approx(other.bearings[near[0]], abs=2e-3)
                 compared += 1
     assert compared > 15
+
+
+def test_the_view_is_that_of_the_other_lens_and_what_it_does_not_draw_is_left_out() -> None:
+    narrow = TOLD.camera.front.model_copy(update={"k1": -0.15, "focal_px": 700.0})
+    camera = TOLD.camera.model_copy(update={"front": narrow})
+    told = Bearings(
+        1.0,
+        np.array([0.0, 0.1, 0.2]),
+        np.full(3, 4e-4),
+        ranges=np.array([1.0, 2.0, 3.0]),
+        eye="front",
+        pixels=np.array([(959.5, 300.0), (-500.0, 0.0), (900.0, 310.0)]),
+    )
+    found = Reinterpretation(TOLD, TOLD.model_copy(update={"camera": camera})).of(told)
+    assert isinstance(found, Bearings)
+    assert np.isfinite(found.bearings).all()
+    assert found.pixels is not None
+    assert found.ranges is not None
+    assert found.pixels[:, 0].tolist() == [959.5, 900.0]
+    assert found.ranges.tolist() == [1.0, 3.0]
+    assert len(found.bearings) == len(found.variances) == 2
+    assert found.view[1] != pytest.approx(
+        StripFinder(TOLD.camera, TOLD.camera.front).geometry.view[1]
+    )
+    assert found.view == StripFinder(camera, narrow).geometry.view
 
 
 def test_the_same_settings_change_nothing() -> None:
