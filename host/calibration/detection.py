@@ -126,7 +126,7 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
         _told("interference in a row, longest", dazzled.longest_s, "s"),
     ]
     part.settings["lidar.blind_sectors"] = [
-        {"centre_rad": round(s.centre, 4), "width_rad": round(s.width, 4)} for s in sectors
+        {"centre_rad": s.centre, "width_rad": s.width} for s in sectors
     ]
     part.checks = checks.lidar_checks(survey, clear, curve, lidar)
     part.pictures = pictures.lidar_pictures(survey, clear, curve, sectors, found)
