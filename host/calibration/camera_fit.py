@@ -20,25 +20,20 @@ from host.calibration.camera_model import (
     draw,
     equidistant,
     errors,
+    eye_of,
     row_of,
     slopes,
 )
-from host.calibration.camera_pairs import EYES, Reference, Strips
+from host.calibration.camera_pairs import EYES, LEAST_PAIRS, Reference, Strips
+from host.calibration.camera_search import likely_starts
 from host.config import Camera, Eye
-from host.messages import BoolArray, FloatArray, IntArray
-from host.perception.lens import Lens, View
+from host.messages import BoolArray, FloatArray
+from host.perception.lens import Lens
 
-LEAST_PAIRS = 12
-LONGEST_DELAY_S = 1.0
 # How far (std) a lens and its mounting may be from what is configured.
 _PRIOR = np.array([100.0, 60.0, 60.0, 0.15, 0.05, 0.5, 0.3, 0.2, 0.1, 0.1, 0.1])
 _PRIOR_DELAY_S = 0.5
 _SHIFT_S = 0.02  # over which velocities are taken
-
-_COARSE_HEADINGS = np.radians(np.arange(-32.0, 33.0, 4.0))
-_COARSE_FOCALS = np.array([0.85, 0.92, 1.0, 1.08, 1.17])
-_COARSE_DELAY_S, _COARSE_RAD, _COARSE_STRIPS = 0.04, math.radians(4.0), 200
-_APART_S = 0.12  # delays nearer to each other are refined to the same
 
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
@@ -100,7 +95,9 @@ class CameraProblem:
 
     def fit(self) -> CameraFit:
         """Search, then refine from the two likeliest delays; the fit that explains more."""
-        found = [self._refine(start, _GATES) for start in self._coarse()]
+        lenses_known = tuple(name in self._lenses for name in EYES)
+        starts = likely_starts(self.strips, self._reference, self.camera, self._mean, lenses_known)
+        found = [self._refine(start, _GATES) for start in starts]
         return min(found, key=lambda fit: self.cost(fit.values, fit.pairs))
 
     def again(self, start: CameraFit, chosen: BoolArray) -> CameraFit | None:
@@ -128,64 +125,6 @@ class CameraProblem:
         off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
         explained = 1.0 / (1.0 + (off / _GATES[-1]) ** 2)
         return float(np.mean(1.0 - np.where(pairs.paired, explained, 0.0)))
-
-    def _coarse(self) -> list[FloatArray]:
-        """Two sets of values to begin with: heading and focal length for each eye, and the delay.
-
-        By bearings alone; how high a strip is drawn says little before the lens is known.
-        """
-        longest = LONGEST_DELAY_S - self.camera.delay_s
-        delays = np.arange(-self.camera.delay_s, longest + 1e-9, _COARSE_DELAY_S)
-        total = np.zeros(len(delays))
-        best = np.tile(self._mean, (len(delays), 1))
-        best[:, -1] = delays
-        for number in range(len(EYES)):
-            mine = np.flatnonzero(self.strips.eyes == number)
-            mine = mine[:: max(1, len(mine) // _COARSE_STRIPS)]
-            if len(mine) < LEAST_PAIRS:
-                continue
-            start = len(NAMES) * number
-            seen = self._azimuths(number, mine)
-            for k, delay in enumerate(delays):
-                score, focal, heading = self._aim(number, mine, seen, float(delay))
-                total[k] += len(mine) * score
-                best[k, start] *= focal
-                best[k, start + NAMES.index("heading_rad")] += heading
-        first = int(np.argmax(total))
-        total[np.abs(delays - delays[first]) < _APART_S] = -1.0
-        return [best[first], best[int(np.argmax(total))]]
-
-    def _azimuths(self, number: int, mine: IntArray) -> FloatArray:
-        """Azimuths (f, k) of strips by the focal lengths tried, heading and delay as configured."""
-        eye = self._eye(self._mean, number)
-        rows = []
-        for focal in self._focals(number):
-            view = View(eye.model_copy(update={"focal_px": eye.focal_px * float(focal)}))
-            x, y, _ = view.directions_of(self.strips.pixels[mine]).T
-            rows.append(np.arctan2(y, x))
-        return np.array(rows)
-
-    def _focals(self, number: int) -> FloatArray:
-        return _COARSE_FOCALS if self._free[len(NAMES) * number] else np.ones(1)
-
-    def _aim(
-        self, number: int, mine: IntArray, seen: FloatArray, delay: float
-    ) -> tuple[float, float, float]:
-        """The best score, factor of the focal length and heading error (rad) for one delay."""
-        eye = self._eye(self._mean, number)
-        places = self._reference.positions(self.strips.times[mine] - delay)
-        true = np.arctan2(places[..., 1] - eye.y_m, places[..., 0] - eye.x_m)
-        off = true.T[:, None] - seen  # (teammates, focal lengths, strips)
-        cos, sin = np.nan_to_num(np.cos(off)), np.nan_to_num(np.sin(off))  # unknown: a right angle
-        best = (-1.0, 1.0, 0.0)
-        for heading in _COARSE_HEADINGS:
-            near = np.max(math.cos(heading) * cos + math.sin(heading) * sin, axis=0, initial=-1.0)
-            # The squared chord stands for the squared angle.
-            scores = np.mean(1.0 / (1.0 + 2.0 * (1.0 - near) / _COARSE_RAD**2), axis=1)
-            k = int(np.argmax(scores))
-            if scores[k] > best[0]:
-                best = (float(scores[k]), float(self._focals(number)[k]), float(heading))
-        return best
 
     def pair(self, values: FloatArray) -> Pairs:
         """Take each strip for the teammate that `values` draw nearest to it."""
@@ -217,7 +156,7 @@ class CameraProblem:
 
     def _in_view(self, values: FloatArray, number: int, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3); nan for what one eye cannot show."""
-        eye = self._eye(values, number)
+        eye = eye_of(values, number, self.camera)
         pixels, angles = draw(row_of(values, number), points)
         x, y = pixels.T
         shown = (angles < min(_FARTHEST_RAD, Lens(eye).limit_rad)) & (x > -_MARGIN_PX)
@@ -233,7 +172,7 @@ class CameraProblem:
         )
 
     def _refine(self, values: FloatArray, gates: tuple[float, ...]) -> CameraFit:
-        free = self._free
+        free, values = self._free, values.copy()  # an eye's values may be put back, below
         for gate in gates:
             for _ in range(_ROUNDS):
                 pairs = self.pair(values)
@@ -324,15 +263,8 @@ class CameraProblem:
             inverse = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + prior)
             meat = _scatter(self.strips.times[used], gains, inverse)
             covariance[np.ix_(free, free)] = inverse @ (meat + prior) @ inverse
-        first, second = (self._eye(values, number) for number in range(len(EYES)))
+        first, second = (eye_of(values, number, self.camera) for number in range(len(EYES)))
         return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
-
-    def _eye(self, values: FloatArray, number: int) -> Eye:
-        configured: Eye = getattr(self.camera, EYES[number])
-        row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
-        # A fit may go round past the rear.
-        row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)
-        return configured.model_copy(update={"lens": "equidistant", **row})
 
 
 def _scatter(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:

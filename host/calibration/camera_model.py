@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.calibration.camera_pairs import EYES, Strips
-from host.config import Eye
+from host.config import Camera, Eye
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import equidistant_radius, mounting_rotation
 
@@ -54,6 +54,15 @@ def equidistant(eye: Eye) -> Eye:
 def row_of(values: FloatArray, number: int) -> FloatArray:
     """One eye's values (11,) of those of a fit (23,)."""
     return values[len(NAMES) * number :][: len(NAMES)]
+
+
+def eye_of(values: FloatArray, number: int, camera: Camera) -> Eye:
+    """An eye as the values (23,) of a fit have it; what these do not hold is as in `camera`."""
+    configured: Eye = getattr(camera, EYES[number])
+    row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
+    # A fit may go round past the rear.
+    row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)
+    return configured.model_copy(update={"lens": "equidistant", **row})
 
 
 def draw(values: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

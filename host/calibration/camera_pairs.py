@@ -15,6 +15,7 @@ from host.messages import FloatArray, IntArray
 from host.perception import turrets
 
 EYES = ("front", "rear")
+LEAST_PAIRS = 12  # of an eye, to fit it
 _MOST_STRIPS = 1200  # of a longer drive every second, third, ... is used
 _LINK_M = 0.12  # a candidate of the lidar moves no farther in one turn
 _TURN_S = 0.4  # turns are nearer to each other than this
