@@ -17,8 +17,8 @@ _NOBODY = Bodies(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 class Tracks:
     """True paths of the robot and its teammates on the floor, from what motion capture saw.
 
-    identities (n,): of the teammates. Between frames paths are interpolated; where a body was
-    lost for longer than 0.1 s, before the first frame and after the last, everything is nan.
+    identities (n,): of the teammates. Between frames paths are interpolated; while a body is lost
+    for longer than 0.1 s, before the first frame and after the last, everything is nan.
     Raises UserError where the robot's own body was never seen.
     """
 
@@ -64,8 +64,9 @@ class Tracks:
         interval = known[after] - known[before]
         share = np.where(interval > 0.0, (times - known[before]) / np.maximum(interval, 1e-12), 0.0)
         found: FloatArray = poses[before] + share[:, None] * (poses[after] - poses[before])
-        outside = (times < known[0]) | (times > known[-1])
-        found[outside | (interval > _GAP_S)] = math.nan
+        lost = (times < known[0]) | (times > known[-1]) | (interval > _GAP_S)
+        # At a frame itself the body was seen, however far the next ones are.
+        found[lost & (times != known[before]) & (times != known[after])] = math.nan
         return found
 
     def own(self, times: FloatArray) -> FloatArray:

@@ -15,7 +15,6 @@ from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
 from host.calibration.wheels_fit import WINDOW_S, Fit, fit, lags_of, rough_start
 from host.calibration.wheels_model import (
-    GEOMETRY,
     LAGS,
     Drive,
     at,
@@ -141,7 +140,7 @@ def _fit(drives: Sequence[Drive], counts: int, nominal: FloatArray, both_ways: b
         _check_signs(start)
     else:
         # Only turns both ways tell the wheels apart.
-        start[GEOMETRY] = nominal[GEOMETRY] * np.median(np.abs(start[:2] / nominal[:2]))
+        start[:2] = nominal[:2] * np.median(np.abs(start[:2] / nominal[:2]))
         start[2] = nominal[2]
     factor = round(math.log2(math.sqrt(abs(start[0] * start[1] / (nominal[0] * nominal[1])))))
     if factor and abs(factor) <= 2:
@@ -159,8 +158,6 @@ def _fit(drives: Sequence[Drive], counts: int, nominal: FloatArray, both_ways: b
 
 def _check_signs(start: FloatArray) -> None:
     left, right = start[0] < 0.0, start[1] < 0.0
-    if start[2] < 0.0 and not (left or right):
-        left = right = True
     if not (left or right):
         return
     which = (
@@ -259,10 +256,17 @@ def score(
     nominal, fitted: what was configured, and what it is with the fit in it (`apply`). Means over
     the drives, and each of them under "runs". By how much the clocks of a drive differ is the
     recording's affair, not the wheels': it is found from the headings by the fitted geometry and
-    used for both. It matters only where the robot moves at an end of the drive.
+    used for both. It matters only where the robot moves at an end of the drive. Raises UserError
+    for a drive without ticks and a true path at the same time.
     """
     runs = []
     for drive in drives:
+        if drive.span == (0.0, 0.0):
+            raise UserError(
+                f"{name} cannot be scored",
+                "its ticks and its true path are never known at the same time",
+                "name a run that was recorded with motion capture in view of the robot",
+            )
         wheels, mocap = fitted
         start, end = lags_of(drive, wheels.counts_per_turn, values_of(wheels, mocap)).tolist()
         runs.append(

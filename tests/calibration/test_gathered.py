@@ -63,6 +63,13 @@ def test_what_nobody_saw_is_not_made_up() -> None:
     assert tracks.span == (0.0, pytest.approx(1.99))
 
 
+def test_a_body_seen_now_and_then_is_known_when_it_was_seen() -> None:
+    times = 0.3 * np.arange(5.0)
+    tracks = Tracks([frame(t, b1=(t, 0.0, 4.0 * t)) for t in times], Mocap())
+    assert tracks.own(times)[:, 0] == pytest.approx(times)
+    assert np.isnan(tracks.own(times[:-1] + 0.1)).all()
+
+
 def test_a_body_seen_once_is_known_at_that_time_only() -> None:
     tracks = Tracks([frame(1.0, b1=(0.0, 0.0, 0.0), b5=(1.0, 2.0, 0.0))], Mocap())
     assert tracks.identities.tolist() == [5]

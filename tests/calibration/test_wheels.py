@@ -273,6 +273,15 @@ def test_the_end_error_is_nothing_with_the_true_geometry_and_that_of_an_arc_othe
     assert [run["name"] for run in report["runs"]] == ["made up"]
 
 
+@pytest.mark.parametrize("late_s", [1000.0, math.inf])
+def test_a_drive_without_a_true_path_is_not_scored(late_s):
+    made = wandering(6, 10.0)
+    seen = made.truth_times + late_s < math.inf
+    torn = Drive(made.times, made.ticks, (made.truth_times + late_s)[seen], made.truth[seen])
+    with pytest.raises(UserError, match="far.swarmloc cannot be scored"):
+        score("far.swarmloc", [torn], (TRUE, MOUNTED), (TRUE, MOUNTED))
+
+
 def gathered(made, config):
     """The messages of a made-up drive."""
     all_of_it = Gathered(config)
