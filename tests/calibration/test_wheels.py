@@ -278,8 +278,8 @@ def test_a_drive_without_a_true_path_is_not_scored(late_s):
     made = wandering(6, 10.0)
     seen = made.truth_times + late_s < math.inf
     torn = Drive(made.times, made.ticks, (made.truth_times + late_s)[seen], made.truth[seen])
-    with pytest.raises(UserError, match="far.swarmloc cannot be scored"):
-        score("far.swarmloc", [torn], (TRUE, MOUNTED), (TRUE, MOUNTED))
+    with pytest.raises(UserError, match="far cannot be scored"):
+        score("far", [torn], (TRUE, MOUNTED), (TRUE, MOUNTED))
 
 
 def gathered(made, config):
