@@ -1,9 +1,10 @@
 """The report of a calibration: one HTML file that needs nothing beside it."""
 
 import html
-import json
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from host.calibration import diagram
 from host.calibration.figures import (
@@ -17,6 +18,7 @@ from host.calibration.figures import (
     verdict,
 )
 from host.calibration.result import Calibration, Fitted, Picture
+from host.calibration.robot_file import in_lines
 from host.errors import UserError
 
 __all__ = ["as_html", "as_json", "as_text", "write_html"]
@@ -42,9 +44,9 @@ table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nu
 th { padding: 0.3rem 0.7rem; border-bottom: 1.5px solid var(--ink); color: var(--soft);
   font-size: 0.82rem; font-weight: 600; text-align: left; vertical-align: bottom; }
 td { padding: 0.4rem 0.7rem; border-bottom: 1px solid var(--rule); vertical-align: top; }
-th:first-child, td:first-child { padding-left: 0; }
+th:first-child, td:first-child { min-width: 15rem; padding-left: 0; }
 th:last-child, td:last-child { padding-right: 0; }
-.n { text-align: right; white-space: nowrap; }
+.n { text-align: right; }
 .key, .advice { display: block; color: var(--soft); font-size: 0.82rem; overflow-wrap: anywhere; }
 .key { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: 0.78rem; }
 .ok, .fails { white-space: nowrap; }
@@ -59,9 +61,10 @@ figure svg { display: block; width: 100%; height: auto; }
 figcaption { margin-top: 0.4rem; color: var(--soft); font-size: 0.86rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0.25rem 1.5rem; margin: 0; }
 dt { color: var(--soft); }
-dd { margin: 0; overflow-wrap: anywhere; font-variant-numeric: tabular-nums; }
-pre { margin: 0; padding: 0.9rem 1.1rem; overflow-x: auto; background: #f5f7f9; border-radius: 3px;
-  font: 0.8rem/1.5 ui-monospace, "DejaVu Sans Mono", monospace; }
+dd { margin: 0; overflow-wrap: anywhere; white-space: pre-line;
+  font-variant-numeric: tabular-nums; }
+pre { margin: 0; padding: 0.9rem 1.1rem; white-space: pre-wrap; background: #f5f7f9;
+  border-radius: 3px; font: 0.8rem/1.5 ui-monospace, "DejaVu Sans Mono", monospace; }
 @media print {
   body { max-width: none; padding: 0; font-size: 10.5pt; }
   .verdict, pre { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
@@ -215,10 +218,15 @@ def _figure(picture: Picture, number: int) -> str:
 
 
 def _written(settings: dict[str, Any]) -> str:
-    """Everything that goes into robot.toml, in SI units."""
+    """Everything that goes into robot.toml, in SI units, as TOML."""
     if not settings:
         return ""
-    lines = "\n".join(f"{key} = {_short(value)}" for key, value in settings.items())
+    plain = ((key, _rounded(value)) for key, value in settings.items())
+    items = (
+        (key, in_lines(value) if isinstance(value, list) else tomlkit.item(value))
+        for key, value in plain
+    )
+    lines = "\n".join(f"{key} = {item.as_string()}" for key, item in items)
     return f"<h2>For robot.toml</h2>\n<pre>{_text(lines)}</pre>"
 
 
@@ -233,13 +241,18 @@ def _figures(figures: dict[str, Any]) -> str:
 
 
 def _short(value: Any) -> str:
-    """A value of any kind in few digits; tables and lists in JSON's words."""
+    """A value of any kind in few digits; what a table holds beside each other, tables in lines."""
     value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.6g}"
-    if isinstance(value, str):
-        return value
-    return json.dumps(_rounded(value), ensure_ascii=False, default=str)
+    if isinstance(value, dict):
+        return ", ".join(f"{str(k).replace('_', ' ')} {_short(v)}" for k, v in value.items())
+    if isinstance(value, list | tuple):
+        tables = any(isinstance(inner, dict) for inner in value)
+        return ("\n" if tables else "; ").join(map(_short, value)) or "none"
+    return str(value)
 
 
 def _rounded(value: Any) -> Any:

@@ -40,11 +40,25 @@ def update(path: Path, settings: Mapping[str, Any], note: str) -> None:
     Raises UserError where the file cannot be read or written, or would not be a valid one.
     """
     load(path)
+    check_writable(path)
     # Not by read_text, which would lose how the lines end.
     text = path.read_bytes().decode("utf-8")
     new = updated(text, settings, note, str(path))
     if new != text:
         _write(path.resolve(), new)
+
+
+def check_writable(path: Path) -> None:
+    """Raise UserError for a file that its owner has set to read-only.
+
+    It is replaced as a whole, which its folder would allow.
+    """
+    if path.is_file() and not path.stat().st_mode & 0o222:
+        raise UserError(
+            f"cannot write the configuration {path}",
+            "it is read-only",
+            f"give a copy of it, or allow writing: chmod u+w {path}",
+        )
 
 
 def updated(text: str, settings: Mapping[str, Any], note: str, name: str = "robot.toml") -> str:
@@ -165,11 +179,11 @@ def _change(table: Any, key: str, value: Any) -> None:
             table[key] = tomlkit.array()
             table[key].trivia.trail = "\n\n"
     elif before != value:
-        table[key] = _in_lines(value) if isinstance(before, Array) else value
+        table[key] = in_lines(value) if isinstance(before, Array) else value
         _retell(table[key], before, value)
 
 
-def _in_lines(value: list[dict[str, Any]]) -> Array:
+def in_lines(value: list[dict[str, Any]]) -> Array:
     """A list of dicts as an array [...] of tables {...}, one a line."""
     array = tomlkit.array()
     for item in value:

@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
 from pathlib import Path
@@ -129,7 +130,13 @@ def test_a_fit_that_passes_says_so_and_shows_every_figure() -> None:
     ):
         assert expected in words
     assert "(never shown)" not in " ".join(words)
-    assert any('"centre_rad": 0.5' in word for word in words)
+    (written,) = (word for word in words if "centre_rad" in word)  # may be copied as it stands
+    assert tomllib.loads(written) == {
+        "lidar": {
+            "heading_rad": 0.0524,
+            "blind_sectors": [{"centre_rad": 0.5, "width_rad": 0.1}],
+        }
+    }
 
 
 def test_a_fit_that_fails_says_why_and_what_to_do() -> None:

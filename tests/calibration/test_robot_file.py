@@ -253,6 +253,15 @@ def test_a_file_that_cannot_be_written_is_told(
     assert path.read_text() == CHEROKEY
 
 
+def test_a_file_that_is_read_only_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(CHEROKEY)
+    path.chmod(0o444)
+    with pytest.raises(UserError, match=r"(?s)cannot write.*read-only.*chmod u\+w"):
+        update(path, FITTED, NOTE)
+    assert path.read_text() == CHEROKEY
+
+
 def test_a_note_is_one_line_whatever_is_in_it() -> None:
     note = "calibrated 2026-11-22 from a\nb\x00\udc80.swarmloc # rms"
     new = updated(CHEROKEY, {"lidar.x_m": 0.1}, note)
