@@ -118,9 +118,9 @@ def _nominal(run: Path) -> Wheels:
     for number, line in enumerate(_lines(paths[0]), 1):
         key, *values = (cell.strip() for cell in line.split(","))
         entries[key] = number, values
-    kind = entries.get("type", (1, ["diff"]))
-    if kind[1][:1] != ["diff"]:
-        raise _wrong(paths[0], kind[0], f"the robot is of type {kind[1][0]!r}, not 'diff'")
+    row, kind = entries.get("type", (1, ["diff"]))
+    if kind[:1] != ["diff"]:
+        raise _wrong(paths[0], row, f"the robot is of type {''.join(kind[:1])!r}, not 'diff'")
     (gear,), (resolution,) = (_numbers(paths[0], entries, key, 1) for key in ("ngear", "encRes"))
     (track,) = _numbers(paths[0], entries, "Li", 1)
     # Which of the diameters is the left one's is not said; in all sessions they are equal, so the

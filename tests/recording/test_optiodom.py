@@ -83,6 +83,7 @@ def test_what_is_wrong_in_a_run_is_named_with_its_line(session, line, text, mess
     ("text", "message"),
     [
         (METADATA.replace("diff", "omni3"), "line 1: .*\n.*'omni3', not 'diff'"),
+        (METADATA.replace("type,diff,", "type"), "line 1: .*\n.*'', not 'diff'"),
         (METADATA.replace("Li,0.2,", "Li,,"), "line 4: .*\nLi must be followed by 1 positive"),
         (METADATA.replace("Di,0.084,0.084", "Di,0.084"), "Di must be followed by 2"),
         (METADATA.replace("encRes,64,\n", ""), "has no line 'encRes'"),
