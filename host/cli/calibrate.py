@@ -69,7 +69,7 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
             read, nominal, mocap = _drives(source, fitting.robot_path)
             drives += read
     else:
-        name, gathered = fitting.gather(None, wheels_calibration.advice)
+        name, gathered = fitting.gather(None, wheels_calibration.advice, mounted=False)
         drives = [wheels_calibration.drive_of(gathered)]
         nominal, mocap = gathered.config.wheels, gathered.config.mocap
     unseen = {source: _drives(source, fitting.robot_path)[0] for source in tests}

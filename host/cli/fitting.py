@@ -83,13 +83,34 @@ class Fitting:
         self._report_path = report_path
         self._accept = accept
         self._json_path = json_path
+        # At once: after a drive it would be too late.
+        if robot_path is not None:
+            robot_file.check_writable(robot_path)
+        for path in (report_path, json_path):
+            _check_folder(path)
 
-    def gather(self, source: str | None, advice: gathering.Advice) -> tuple[str, Gathered]:
-        """The data and their name: of a source, or of the devices where there is none."""
+    def gather(
+        self, source: str | None, advice: gathering.Advice, *, mounted: bool = True
+    ) -> tuple[str, Gathered]:
+        """The data and their name: of a source, or of the devices where there is none.
+
+        mounted: whether the fit stands on how the tracked body lies on the robot; then it is told
+        where nobody has found that yet.
+        """
         if source is None:
-            return gathering.live(self.robot_path, *self._live, advice)
-        self.check_source()
-        return source, gathering.from_source(source, self.robot_path)
+            name, gathered = gathering.live(self.robot_path, *self._live, advice)
+        else:
+            self.check_source()
+            name, gathered = source, gathering.from_source(source, self.robot_path)
+        mocap = gathered.config.mocap
+        if mounted and gathered.bodies and not (mocap.x_m or mocap.y_m or mocap.heading_rad):
+            click.echo(
+                "[mocap] says that the tracked body lies exactly on the robot's origin: if nobody "
+                "made sure of that, calibrate wheels first, which finds how it lies",
+                err=True,
+            )
+        click.echo("fitting ...", err=True)
+        return name, gathered
 
     def check_source(self) -> None:
         """Raise a usage error for options that a source leaves no use for."""
@@ -120,3 +141,13 @@ class Fitting:
         note = f"{calibration.kind} calibrated {date} from {source}: {calibration.residuals}"
         robot_file.update(self.robot_path, calibration.new_settings(), note)
         click.echo(f"written to {self.robot_path}")
+
+
+def _check_folder(path: Path | None) -> None:
+    """Raise UserError where there is no folder for a file that is to be written."""
+    if path is not None and not path.absolute().parent.is_dir():
+        raise UserError(
+            f"cannot write {path}",
+            f"there is no folder {path.parent}",
+            "make it, or choose a file in another one",
+        )

@@ -1,7 +1,9 @@
 """Where a calibration's data come from: a recording, a scenario, or the robot as it drives."""
 
 import contextlib
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +33,7 @@ Advice = Callable[[Gathered], list[str]]
 
 def with_mocap(scenario: str) -> str:
     """The scenario as written, with motion capture where it sets none."""
-    if scenarios.parse(scenario).mocap_hz:
+    if scenarios.parse(scenario).mocap_hz or "mocap_hz" in scenarios.settings(scenario):
         return scenario
     return f"{scenario}{',' if ':' in scenario else ':'}mocap_hz={_MOCAP_HZ}"
 
@@ -114,14 +116,18 @@ def _drive(
                 if seconds is not None and passed >= seconds:
                     break
                 time.sleep(_LOOK_S if seconds is None else min(_LOOK_S, seconds - passed))
-                _tell(time.monotonic() - begin, health, gathered, advice)
-    for error in pipeline.failures.values():
-        raise error
+                _tell(time.monotonic() - begin, list(health.values()), gathered, advice)
+        if sys.stderr.isatty():
+            click.echo(err=True)
+    # What was driven is fitted nevertheless: the verdict tells whether it will do.
+    for name, error in pipeline.failures.items():
+        why = "; ".join(str(error).splitlines()) or type(error).__name__
+        click.echo(f"{name} ended before its time: {why}", err=True)
 
 
-def _tell(passed: float, health: dict[str, Health], gathered: Gathered, advice: Advice) -> None:
+def _tell(passed: float, health: list[Health], gathered: Gathered, advice: Advice) -> None:
     """One line: the time, a device that is down, or what the drive still lacks."""
-    down = [each for each in health.values() if not each.ok and each.device != "localizer"]
+    down = [each for each in health if not each.ok and each.device != "localizer"]
     if down:
         said = f"{down[0].device}: " + "; ".join(down[0].reason.splitlines())
     elif not gathered.bodies:
@@ -134,6 +140,8 @@ def _tell(passed: float, health: dict[str, Health], gathered: Gathered, advice: 
         said = "; ".join(missing) if missing else "enough: Ctrl-C ends and fits"
     line = f"{passed:5.0f} s  {said}"
     if sys.stderr.isatty():
-        click.echo(f"\r\x1b[K{line[:200]}", nl=False, err=True)
+        # What is written over must not be wrapped.
+        line = textwrap.shorten(line, shutil.get_terminal_size().columns - 1, placeholder=" ...")
+        click.echo(f"\r\x1b[K{line}", nl=False, err=True)
     else:
         click.echo(line, err=True)

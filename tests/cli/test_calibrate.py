@@ -147,6 +147,33 @@ def test_a_robot_without_motion_capture_is_told_so(tmp_path: Path) -> None:
     assert "no motion capture" in result.output
 
 
+def test_where_nothing_can_be_written_is_told_before_the_robot_drives(
+    robot: Path, tmp_path: Path
+) -> None:
+    nowhere = tmp_path / "nowhere" / "figures.json"
+    options = ("--simulate", "arena4", "--robot", robot)
+    result = calibrate("wheels", *options, "--json", nowhere, folder=tmp_path)
+    assert result.exit_code == 1
+    assert f"cannot write {nowhere}\nthere is no folder" in result.output
+    result = calibrate("wheels", *options, folder=nowhere.parent)
+    assert "there is no folder" in result.output
+    robot.chmod(0o444)
+    result = calibrate("wheels", *options, folder=tmp_path)
+    assert f"cannot write the configuration {robot}\nit is read-only" in result.output
+    assert "drive the robot" not in result.output
+
+
+def test_what_stands_on_the_wheels_says_so_before_they_are_fitted(
+    robot: Path, tmp_path: Path
+) -> None:
+    source = "arena4:seed=1,seconds=4"
+    assert "calibrate wheels first" in calibrate("lidar", source, folder=tmp_path).output
+    robot.write_text("[mocap]\nx_m = 0.01\n")
+    result = calibrate("lidar", source, "--robot", robot, folder=tmp_path)
+    assert "lidar calibration" in result.output
+    assert "calibrate wheels first" not in result.output
+
+
 def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
     for option in (("--seconds", "5"), ("--simulate", "arena4"), ("--record", "x.swarmloc")):
         result = calibrate("lidar", "arena4:seconds=2", *option, folder=tmp_path)
