@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.wheels_fit import LEAST, OUTLIER, OWN, STRIDE_S, Fit, moving
+from host.calibration.wheels_fit import LEAST, OUTLIER, STRIDE_S, Fit, moving
 from host.calibration.wheels_model import (
     Drive,
     advance,
@@ -19,19 +19,20 @@ from host.calibration.wheels_model import (
     path,
     windows_of,
 )
-from host.messages import FloatArray
+from host.messages import BoolArray, FloatArray, IntArray
 
 _WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
 _BENT_RAD = 2.0  # turned by more, an arc's chord tells little of its length
 _STRAIGHT_RAD = 0.1  # turned by less, a window tells of the drift
 _LEAST_WINDOWS = 4
+_PIECES = 8  # of the drives, each left out once
 _DRIFT_SHARE = math.sqrt(0.1)  # of the heading's noise, where nothing was driven straight
 _REST = 0.1  # of the squared error, left to the turns at least
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """As in `config.Wheels`: distance (m), heading and drift (rad); their relative sigma.
+    """As in `config.Wheels`: distance (m), heading and drift (rad); sigmas (3,) of these.
 
     drift is nan where nothing was driven straight.
     """
@@ -39,7 +40,24 @@ class Noise:
     distance: float
     heading: float
     drift: float
-    relative_sigma: float
+    sigmas: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Missed:
+    """What windows (w,) of one length miss.
+
+    pieces (w,): of the drives, 0 to 7. exposure (w, 2): way (m) and turn (rad) driven. heading (w,)
+    rad: missed; longer (w,) m: of the way. straight, open (w,): those that tell of drift, of way.
+    """
+
+    length_s: float
+    pieces: IntArray
+    exposure: FloatArray
+    heading: FloatArray
+    longer: FloatArray
+    straight: BoolArray
+    open: BoolArray
 
 
 def noise(drives: Sequence[Drive], fitted: Fit) -> Noise:
@@ -47,38 +65,54 @@ def noise(drives: Sequence[Drive], fitted: Fit) -> Noise:
 
     That of the way from windows of 1 to 4 s, by its length alone, to which an error of the heading
     adds nothing; the drift from those that are straight; the heading's from 2 to 8 s, less drift.
+    Their sigmas are told by leaving out an eighth of the drives at a time (jackknife).
     """
     travelled = [_travelled(drive, fitted) for drive in drives]
+    missed = [_missed(drives, fitted, travelled, length) for length in _WINDOWS_S]
+    distance, heading, drift = _noises(missed, -1)
+    others = np.array([_noises(missed, left_out) for left_out in range(_PIECES)])
+    return Noise(distance, heading, drift, math.sqrt(_PIECES - 1.0) * others.std(axis=0))
+
+
+def _missed(
+    drives: Sequence[Drive], fitted: Fit, travelled: Sequence[FloatArray], length_s: float
+) -> _Missed:
+    windows = windows_of(drives, length_s, STRIDE_S)
+    windows = windows.where(moving(drives, windows))
+    wrong = misses(drives, fitted.counts, fitted.values, windows)
+    moved = motions(drives, windows)
+    turned = np.abs(moved[:, 2])
+    longer = np.hypot(*(moved + wrong)[:, :2].T) - np.hypot(*moved[:, :2].T)
+    count = len(windows)
+    return _Missed(
+        length_s,
+        np.arange(count) * _PIECES // max(count, 1),
+        advance(drives, travelled, windows),
+        wrong[:, 2],
+        longer / np.sinc(np.minimum(turned, _BENT_RAD) / math.tau),  # arc over chord
+        turned < _STRAIGHT_RAD,
+        turned < _BENT_RAD,
+    )
+
+
+def _noises(missed: Sequence[_Missed], left_out: int) -> tuple[float, float, float]:
+    """Distance, heading and drift from all windows but those of the piece `left_out`."""
     turns, ways, drifts = [], [], []
-    for length in _WINDOWS_S:
-        windows = windows_of(drives, length, STRIDE_S)
-        windows = windows.where(moving(drives, windows))
-        if len(windows) < _LEAST_WINDOWS:
+    for of in missed:
+        kept = of.pieces != left_out
+        if np.count_nonzero(kept) < _LEAST_WINDOWS:
             continue
-        wrong = misses(drives, fitted.counts, fitted.values, windows)
-        moved = motions(drives, windows)
-        exposure = advance(drives, travelled, windows)
-        turned = np.abs(moved[:, 2])
-        straight = turned < _STRAIGHT_RAD
+        straight, open_ = kept & of.straight, kept & of.open
         if np.count_nonzero(straight) >= _LEAST_WINDOWS:
-            drifts.append(_growth(exposure[straight], wrong[straight, 2]))
-        if length > _WINDOWS_S[0]:
-            turns.append(_growth(exposure, wrong[:, 2]))
-        nearly_straight = turned < _BENT_RAD
-        if length < _WINDOWS_S[-1] and np.count_nonzero(nearly_straight) >= _LEAST_WINDOWS:
-            chord = np.hypot(*moved[:, :2].T)
-            longer = np.hypot(*(moved + wrong)[:, :2].T) - chord
-            longer /= np.sinc(moved[:, 2] / math.tau)  # arc over chord
-            ways.append(_growth(exposure[nearly_straight], longer[nearly_straight]))
+            drifts.append(_growth(of.exposure[straight], of.heading[straight]))
+        if of.length_s > _WINDOWS_S[0]:
+            turns.append(_growth(of.exposure[kept], of.heading[kept]))
+        if of.length_s < _WINDOWS_S[-1] and np.count_nonzero(open_) >= _LEAST_WINDOWS:
+            ways.append(_growth(of.exposure[open_], of.longer[open_]))
     drift2 = _slope([(metres, square) for metres, _, square in drifts])
     heading2 = _slope([_of_turns(point, drift2) for point in turns])
-    independent = max(OWN * np.count_nonzero(fitted.used), 1.0)
-    return Noise(
-        distance=math.sqrt(_slope([(metres, square) for metres, _, square in ways])),
-        heading=math.sqrt(heading2),
-        drift=math.sqrt(drift2),
-        relative_sigma=1.0 / math.sqrt(2.0 * independent),
-    )
+    distance2 = _slope([(metres, square) for metres, _, square in ways])
+    return math.sqrt(distance2), math.sqrt(heading2), math.sqrt(drift2)
 
 
 def _of_turns(point: tuple[float, float, float], drift2: float) -> tuple[float, float]:

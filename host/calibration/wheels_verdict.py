@@ -125,14 +125,16 @@ def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
         "drift_noise_rad": ("noise of the heading after 1 m", noise.drift, _LEAST_NOISE_RAD),
     }
     rows = []
-    for key, (name, value, least) in found.items():
+    for (key, (name, value, least)), sigma in zip(
+        found.items(), noise.sigmas.tolist(), strict=True
+    ):
         value = max(value, least) if math.isfinite(value) else math.nan
         rows.append(
             Fitted(
                 key=f"wheels.{key}",
                 name=name,
                 value=value,
-                sigma=noise.relative_sigma * value,
+                sigma=sigma,
                 before=getattr(wheels, key),
                 unit="mm" if key.endswith("_m") else "deg",
                 scale=1e3 if key.endswith("_m") else 180.0 / math.pi,

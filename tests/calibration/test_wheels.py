@@ -117,16 +117,23 @@ def test_without_noise_every_number_comes_back():
     }
 
 
-def test_sigmas_are_honest_over_30_drives():
-    errors = np.array(
-        [
-            normalised(calibrate([wandering(k, 45.0)], Wheels(), Mocap()), TRUE, MOUNTED)
-            for k in range(30)
-        ]
-    )
+@pytest.fixture(scope="module")
+def thirty():
+    return [calibrate([wandering(k, 45.0)], Wheels(), Mocap()) for k in range(30)]
+
+
+def test_sigmas_are_honest_over_30_drives(thirty):
+    errors = np.array([normalised(found, TRUE, MOUNTED) for found in thirty])
     squares = (errors**2).mean(axis=0)
     assert 0.5 <= squares.mean() <= 2.0, squares
     assert 0.5 <= squares[:3].mean() <= 2.0, squares
+
+
+def test_sigmas_of_the_noises_are_how_far_these_scatter(thirty):
+    for k in (-3, -2, -1):
+        rows = [found.fitted[k] for found in thirty]
+        scatter = np.std([row.value for row in rows], ddof=1)
+        assert 0.5 <= np.median([row.sigma for row in rows]) / scatter <= 2.0, rows[0].name
 
 
 def test_noise_is_that_of_the_slip():
