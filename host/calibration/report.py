@@ -251,8 +251,15 @@ def _short(value: Any) -> str:
         return ", ".join(f"{str(k).replace('_', ' ')} {_short(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):
         tables = any(isinstance(inner, dict) for inner in value)
-        return ("\n" if tables else "; ").join(map(_short, value)) or "none"
+        return ("\n" if tables else "; ").join(map(_within, value)) or "none"
     return str(value)
+
+
+def _within(value: Any) -> str:
+    """What a list holds; a list in it is a point."""
+    if isinstance(value, list | tuple):
+        return f"({', '.join(map(_short, value))})"
+    return _short(value)
 
 
 def _rounded(value: Any) -> Any:

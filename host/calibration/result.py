@@ -34,7 +34,9 @@ class Fitted:
         """Why it does not pass, in words; "" where it does."""
         if self.limit is None:
             return ""
-        if not self.sigma <= self.limit:
+        if not math.isfinite(self.sigma):
+            return f"{self.name} cannot be told from this drive"
+        if self.sigma > self.limit:
             return (
                 f"{self.name} is known to {self.shown(self.sigma)} only, "
                 f"not to {self.shown(self.limit)}"

@@ -1,5 +1,6 @@
 """A calibration as HTML, JSON and console text: the same figures, whole and without surprises."""
 
+import dataclasses
 import json
 import math
 import sys
@@ -203,6 +204,12 @@ def test_the_file_is_written_or_the_reason_told(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     with pytest.raises(UserError, match=r"cannot write the report"):
         write_html(tmp_path / "absent" / "a.html", calibration(), "a", "b", "c")
+
+
+def test_a_value_that_the_drive_cannot_tell_is_told_so_without_a_number() -> None:
+    for sigma in (math.inf, math.nan):
+        row = dataclasses.replace(HEADING, sigma=sigma)
+        assert row.failure == "heading of the lidar cannot be told from this drive"
 
 
 def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
