@@ -1,6 +1,7 @@
 """A camera under the ceiling as motion capture: its driver's pictures, searched for tags."""
 
 import dataclasses
+import math
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -57,10 +58,11 @@ class CeilingCamera:
         counts = {**health.counts, **self._finder.counts, "undecoded": self._undecoded}
         ok, reason = health.ok, health.reason
         if ok and news["misread"] > news["tags"]:
-            ok = False
+            ok, side = False, self._finder.side_m
+            size = f"{1e3 * side:.0f} mm wide on the floor, not {1e3 * self._config.tag_m:.0f} mm"
+            seen = "are seen where none can be" if math.isnan(side) else f"look {size}"
             reason = (
-                f"tags look {1e3 * self._finder.side_m:.0f} mm wide on the floor, "
-                f"not {1e3 * self._config.tag_m:.0f} mm\n"
+                f"tags {seen}\n"
                 "check tag_m and tag_height_m in [mocap.ceiling], and z_m and focal_px of its eye"
             )
         elif ok and news["doubled"]:

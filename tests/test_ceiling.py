@@ -97,6 +97,15 @@ def test_tags_of_another_size_are_told_with_what_to_check(tmp_path: Path) -> Non
     assert "tag_m" in health.reason.split("\n")[1]
 
 
+def test_tags_that_cannot_be_so_high_are_told_with_what_to_check(tmp_path: Path) -> None:
+    ceiling = recorded(tmp_path / "ceiling.mjpeg", 1, 40)
+    above = ceiling.model_copy(update={"tag_height_m": ceiling.eye.z_m + 0.1})
+    with running(above) as messages:
+        health = wait_health(messages, "seen where none can be")
+    assert not health.ok
+    assert "tag_height_m" in health.reason.split("\n")[1]
+
+
 def test_an_opencv_without_tags_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(cv2, "aruco")
     with pytest.raises(UserError, match=r"pip install"):
