@@ -69,6 +69,12 @@ def lenses(
 
 def _views(folder: Path, board: tuple[int, int, float], eye: Eye) -> list[BoardView]:
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
+    if not paths:
+        raise UserError(
+            f"there are no pictures in {folder}",
+            "no such folder" if not folder.is_dir() else f"none is called *{', *'.join(_SUFFIXES)}",
+            "give the folder of the checkerboard's pictures with --boards",
+        )
     columns, rows, square = board
     corners, views = board_corners(columns, rows, square), []
     for path in paths:

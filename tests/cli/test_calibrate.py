@@ -183,6 +183,16 @@ def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
         assert calibrate("camera", "arena4:seconds=2", *option, folder=tmp_path).exit_code == 2
 
 
+def test_boards_without_pictures_are_told_so(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.swarmloc"
+    assert run("simulate", "arena4:seconds=1", "--output", plain).exit_code == 0
+    for folder, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path, "*.jpg, *.jpeg")):
+        result = calibrate("camera", plain, "--boards", f"rear={folder}", folder=tmp_path)
+        assert result.exit_code == 1
+        assert f"there are no pictures in {folder}" in result.output
+        assert why in result.output
+
+
 def test_recorded_runs_fit_and_are_scored_on_others(
     recorded: Callable[[str], Path], tmp_path: Path
 ) -> None:
