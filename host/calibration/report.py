@@ -74,7 +74,7 @@ pre { margin: 0; padding: 0.9rem 1.1rem; white-space: pre-wrap; background: #f5f
 """
 _NO_MATPLOTLIB = (
     "The pictures are missing, because matplotlib is not installed: "
-    'pip install matplotlib and calibrate once more.'
+    "pip install matplotlib and calibrate once more."
 )
 
 
