@@ -149,7 +149,7 @@ class Camera(Section):
     detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
-    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs an image pair
+    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs a picture
     use_ranges: bool = False  # what a strip's size says of its range
     front: Eye = Eye()
     rear: Eye = Eye(heading_rad=math.pi)

@@ -44,6 +44,19 @@ def verdict(
             "view: at one constant speed a delay looks like a camera that is mounted askew",
         )
     )
+    delay = 1000.0 * (camera.delay_s + fit.delay)
+    if delay < -2.0 * sigma:
+        checks.append(
+            Check(
+                name="delay of the cameras",
+                value=delay,
+                threshold=0.0,
+                unit="ms",
+                passed=False,
+                advice="pictures cannot come before they are taken: motion capture is late, so set "
+                "its own delay (mocap.ceiling.delay_s), or the clocks of a recording differ",
+            )
+        )
     return (*checks, _agreement(camera, fit, halves, table))
 
 

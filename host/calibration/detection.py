@@ -125,10 +125,11 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
         _told("interference in a row, mean", dazzled.mean_s, "s"),
         _told("interference in a row, longest", dazzled.longest_s, "s"),
     ]
-    part.settings["lidar.blind_sectors"] = [
-        {"centre_rad": s.centre, "width_rad": s.width} for s in sectors
-    ]
     part.checks = checks.lidar_checks(survey, clear, curve, lidar)
+    if sectors or all(check.passed for check in part.checks):  # else too little was seen to tell
+        part.settings["lidar.blind_sectors"] = [
+            {"centre_rad": s.centre, "width_rad": s.width} for s in sectors
+        ]
     part.pictures = pictures.lidar_pictures(survey, clear, curve, sectors, found)
     off = survey.offsets[clear & views.seen]
     rms = math.sqrt(float(np.mean(np.sum(off**2, axis=1)))) if len(off) else math.nan

@@ -83,7 +83,8 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[Picture]:
             x_label="time, s",
             y_label="bearing, deg",
             series=(_points(survey.places[:, 0] - start, np.degrees(survey.places[:, 1])),),
-            caption="A row at one bearing is something red that the robot carries.",
+            caption="A row at one bearing is something red that the robot carries; one at 90 deg "
+            "to either side is the seam between the two cameras.",
         ),
     ]
 

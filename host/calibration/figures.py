@@ -77,6 +77,8 @@ def as_text(calibration: Calibration) -> str:
         ]
     if calibration.residuals:
         lines += ["", textwrap.fill(f"residuals: {calibration.residuals}", _COLUMNS)]
+    for warning in calibration.warnings:
+        lines += ["", textwrap.fill(f"beware: {warning}", _COLUMNS)]
     return "\n".join([*lines, "", _conclusion(calibration)])
 
 
@@ -133,6 +135,7 @@ def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
             for check in calibration.checks
         ],
         "residuals": calibration.residuals,
+        "warnings": list(calibration.warnings),
         "settings": _json(calibration.new_settings()),
         "figures": _json(calibration.figures),
     }

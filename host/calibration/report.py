@@ -125,6 +125,7 @@ def _text(value: object) -> str:
 
 def _verdict(calibration: Calibration) -> str:
     residuals = f"<p>Residuals: {_text(calibration.residuals)}</p>" if calibration.residuals else ""
+    residuals += "".join(f"<p>Beware: {_text(each)}</p>" for each in calibration.warnings)
     failures = calibration.failures
     if not failures:
         return f'<div class="verdict passed"><strong>✓ Passed</strong>{residuals}</div>'

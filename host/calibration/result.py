@@ -95,7 +95,8 @@ class Calibration:
 
     kind: "wheels", "lidar", ... settings: further values for robot.toml by key (lists of tables
     as lists of dicts), beside those of `fitted` that have a key. residuals: in words, as "rms
-    2.1 mm over 812 pairs, 71 % of them used". figures: more for --json.
+    2.1 mm over 812 pairs, 71 % of them used". warnings: what to beware of though it may pass.
+    figures: more for --json.
     """
 
     kind: str
@@ -103,6 +104,7 @@ class Calibration:
     checks: tuple[Check, ...]
     residuals: str
     pictures: tuple[Picture, ...] = ()
+    warnings: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
 

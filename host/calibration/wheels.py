@@ -5,6 +5,7 @@ fitted, and counts are left alone unless the way per tick is off by about 2 or 4
 edges of the encoder's signals are counted otherwise than configured.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -48,15 +49,18 @@ __all__ = [
     "advice",
     "apply",
     "calibrate",
-    "drive_of",
     "drive_of_run",
+    "drives_of",
     "end_error",
     "score",
 ]
 
+_HOLE_S = 0.1  # ticks of a longer gap are lost
+_MARGIN_S = 1.0  # truth that goes with a drive whose stamps are late or early
 
-def drive_of(gathered: Gathered) -> Drive:
-    """What calibration needs of a robot's messages.
+
+def drives_of(gathered: Gathered) -> list[Drive]:
+    """What calibration needs of a robot's messages: a drive for each stretch without a hole.
 
     Raises UserError where there are no ticks, or motion capture never saw the robot's body.
     """
@@ -67,14 +71,22 @@ def drive_of(gathered: Gathered) -> Drive:
             "the board sent no displacement, or the recording was made without ticks",
             "see how the board does with `swarmloc run`, and record again",
         )
-    times = np.array([steps[0].time - steps[0].interval, *(step.time for step in steps)])
-    ticks = np.cumsum([(0, 0), *(step.ticks for step in steps if step.ticks)], axis=0)
     tracks = gathered.tracks()
     body = gathered.config.mocap.body
     seen = np.unique([frame.time for frame in gathered.bodies if body in frame.identities])
     truth = tracks.body(body, seen)
     known = np.isfinite(truth).all(axis=1)
-    return Drive(times, ticks.astype(np.int64), seen[known], truth[known], "drive")
+    begins = [step.time - step.interval for step in steps]
+    holes = [k for k in range(1, len(steps)) if begins[k] - steps[k - 1].time > _HOLE_S]
+    drives = []
+    for first, last in itertools.pairwise([0, *holes, len(steps)]):
+        part = steps[first:last]
+        times = np.array([begins[first], *(step.time for step in part)])
+        ticks = np.cumsum([(0, 0), *(step.ticks for step in part if step.ticks)], axis=0)
+        within = known & (seen >= times[0] - _MARGIN_S) & (seen <= times[-1] + _MARGIN_S)
+        name = f"drive from {times[0]:.1f} s" if holes else "drive"
+        drives.append(Drive(times, ticks.astype(np.int64), seen[within], truth[within], name))
+    return drives
 
 
 def drive_of_run(run: Run) -> Drive:
@@ -97,7 +109,6 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     settings: dict[str, Any] = {}
     if found.counts != wheels.counts_per_turn:
         settings["wheels.counts_per_turn"] = found.counts
-    doubts = warnings(driven)
     return Calibration(
         kind="wheels",
         fitted=(
@@ -105,7 +116,8 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             *noise_rows(noise(drives, found), wheels),
         ),
         checks=checks(found, driven, wheels),
-        residuals="; ".join((residuals(found), *doubts)),
+        residuals=residuals(found),
+        warnings=tuple(warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
         settings=settings,
         figures={
@@ -118,7 +130,6 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             "windows": len(found.windows),
             "windows_used": int(np.count_nonzero(found.used)),
             "lags_at_start_and_end_s": found.values[LAGS].reshape(-1, 2).tolist(),
-            "warnings": doubts,
         },
     )
 
@@ -211,7 +222,7 @@ def advice(gathered: Gathered) -> list[str]:
     times, ways, turns = np.array(steps).T
     bins = ((times - times[0]) / BIN_S).astype(np.int64)
     turned = np.bincount(bins, turns)
-    left, right = turned[turned > 0.0].sum(), -turned[turned < 0.0].sum()
+    left, right = turned[turned > 0.0].sum(), abs(turned[turned < 0.0].sum())
     way = np.abs(ways).sum()
     wanted = []
     if way < LEAST_WAY_M:

@@ -21,6 +21,7 @@ _LEAST_USED = 0.6  # of the windows
 _PLAUSIBLE = 0.15  # relative, of a radius
 _TOO_ALIKE = 0.95  # correlation of the track with the difference of the radii
 _LEAST_SPREAD = 0.08  # of `Coverage.spread`
+_VAGUE = 0.4  # sigma of a noise, as a share of it
 NOISES = ("wheels.distance_noise_m", "wheels.heading_noise_rad", "wheels.drift_noise_rad")
 _LEAST_NOISE_M, _LEAST_NOISE_RAD = 0.001, 0.001
 BIN_S = 2.0
@@ -129,10 +130,11 @@ def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
         found.items(), noise.sigmas.tolist(), strict=True
     ):
         value = max(value, least) if math.isfinite(value) else math.nan
+        told = sigma <= _VAGUE * value  # else it is not written
         rows.append(
             Fitted(
-                key=f"wheels.{key}",
-                name=name,
+                key=f"wheels.{key}" if told else "",
+                name=name if told else f"{name} (too vague: kept)",
                 value=value,
                 sigma=sigma,
                 before=getattr(wheels, key),
@@ -146,8 +148,8 @@ def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
 def checks(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
     used = float(np.count_nonzero(found.used)) / max(len(found.used), 1)
     alike = _track_correlation(found)
-    radius = 0.5 * (wheels.left_radius_m + wheels.right_radius_m)
-    off = float(np.mean(found.values[:2])) / radius - 1.0
+    apart = found.values[:2] / (wheels.left_radius_m, wheels.right_radius_m) - 1.0
+    off = float(apart[np.argmax(np.abs(apart))])
     least_deg = math.degrees(LEAST_TURN_RAD)
     turns = [
         Check(

@@ -1,7 +1,6 @@
 """`swarmloc calibrate`: numbers of robot.toml, fitted to what motion capture saw of a drive."""
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,16 @@ from host.cli.calibrate_colour import colour
 from host.cli.checkerboard import board_option, boards_option, lenses
 from host.cli.fitting import Fitting, fit_options
 from host.config import Mocap, Wheels
+from host.errors import UserError
 from host.recording import optiodom
 
 _OPTIODOM = "optiodom:"
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    short_help="Numbers of robot.toml from a drive, with a verdict.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 def calibrate() -> None:
     """Fit numbers of robot.toml to what the robot measured and motion capture saw.
 
@@ -61,16 +64,22 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
     SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
     """
     fitting = Fitting(**common)
-    drives: list[Drive] = []
     name = ", ".join(sources)
     if sources:
         fitting.check_source()
-        for source in sources:
-            read, nominal, mocap = _drives(source, fitting.robot_path)
-            drives += read
+        drives, nominal, mocap = _drives(sources[0], fitting.robot_path)
+        for source in sources[1:]:
+            more, *others = _drives(source, fitting.robot_path)
+            if others != [nominal, mocap]:
+                raise UserError(
+                    f"{sources[0]} and {source} are not of one robot",
+                    "their wheels or tracked bodies are configured differently",
+                    "fit each by itself, or give the robot's configuration with --robot",
+                )
+            drives += more
     else:
         name, gathered = fitting.gather(None, wheels_calibration.advice, mounted=False)
-        drives = [wheels_calibration.drive_of(gathered)]
+        drives = wheels_calibration.drives_of(gathered)
         nominal, mocap = gathered.config.wheels, gathered.config.mocap
     unseen = {source: _drives(source, fitting.robot_path)[0] for source in tests}
     calibration = wheels_calibration.calibrate(drives, nominal, mocap)
@@ -84,20 +93,20 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
     ]
     for score in scores:
         click.echo(
-            f"{score['source']}: {1000 * score['nominal_end_error_m']:.0f} mm at the end with the "
-            f"nominal geometry, {1000 * score['fitted_end_error_m']:.0f} mm with the fitted"
+            f"{score['source']}: {1000 * score['nominal_end_error_m']:.1f} mm at the end with the "
+            f"nominal geometry, {1000 * score['fitted_end_error_m']:.1f} mm with the fitted"
         )
     fitting.conclude(calibration, name, tests=scores)
 
 
-def _drives(source: str, robot_path: Path | None) -> tuple[Sequence[Drive], Wheels, Mocap]:
+def _drives(source: str, robot_path: Path | None) -> tuple[list[Drive], Wheels, Mocap]:
     """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
     if source.startswith(_OPTIODOM):
         runs = optiodom.read(Path(source.removeprefix(_OPTIODOM)))
         return [wheels_calibration.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
     gathered = gathering.from_source(source, robot_path)
-    drive = wheels_calibration.drive_of(gathered)
-    return [drive], gathered.config.wheels, gathered.config.mocap
+    drives = wheels_calibration.drives_of(gathered)
+    return drives, gathered.config.wheels, gathered.config.mocap
 
 
 @calibrate.command(

@@ -1,5 +1,6 @@
 """What the calibrations share on the command line: options, data in, verdict and fit out."""
 
+import dataclasses
 import datetime
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,12 @@ from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
 from host.cli import gathering, options
 from host.errors import UserError
+from host.recording.log import SUFFIX
+
+_UNMOUNTED = (
+    "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "
+    "that, calibrate wheels first, which finds how it lies"
+)
 
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
 
@@ -42,7 +49,7 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             "--record",
             type=click.Path(path_type=Path, dir_okay=False),
             metavar="FILE",
-            help="Without SOURCE: record the drive too.",
+            help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.swarmloc]",
         ),
         click.option(
             "--report",
@@ -83,6 +90,7 @@ class Fitting:
         self._report_path = report_path
         self._accept = accept
         self._json_path = json_path
+        self._warnings: tuple[str, ...] = ()
         # At once: after a drive it would be too late.
         if robot_path is not None:
             robot_file.check_writable(robot_path)
@@ -98,17 +106,17 @@ class Fitting:
         where nobody has found that yet.
         """
         if source is None:
-            name, gathered = gathering.live(self.robot_path, *self._live, advice)
+            scenario, seconds, record = self._live
+            # A drive is work, and a fit may be refused: it is always recorded.
+            record = record or Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
+            name, gathered = gathering.live(self.robot_path, scenario, seconds, record, advice)
+            click.echo(f"recorded in {record}", err=True)
         else:
             self.check_source()
             name, gathered = source, gathering.from_source(source, self.robot_path)
         mocap = gathered.config.mocap
         if mounted and gathered.bodies and not (mocap.x_m or mocap.y_m or mocap.heading_rad):
-            click.echo(
-                "[mocap] says that the tracked body lies exactly on the robot's origin: if nobody "
-                "made sure of that, calibrate wheels first, which finds how it lies",
-                err=True,
-            )
+            self._warnings = (_UNMOUNTED,)
         click.echo("fitting ...", err=True)
         return name, gathered
 
@@ -122,6 +130,8 @@ class Fitting:
 
         Raises UserError where it is not, unless it was accepted beforehand.
         """
+        warnings = (*calibration.warnings, *self._warnings)
+        calibration = dataclasses.replace(calibration, warnings=warnings)
         date = datetime.date.today().isoformat()
         robot = "a Cherokey" if self.robot_path is None else str(self.robot_path)
         click.echo(figures.as_text(calibration))

@@ -68,7 +68,7 @@ def live(
     robot_path: Path | None,
     scenario: str | None,
     seconds: float | None,
-    record: Path | None,
+    record: Path,
     advice: Advice,
 ) -> tuple[str, Gathered]:
     """What the devices say until a signal or for `seconds`, and their name.
@@ -93,7 +93,7 @@ def live(
 
 
 def _drive(
-    rig: Rig, gathered: Gathered, seconds: float | None, record: Path | None, advice: Advice
+    rig: Rig, gathered: Gathered, seconds: float | None, record: Path, advice: Advice
 ) -> None:
     health: dict[str, Health] = {}
 
@@ -104,9 +104,8 @@ def _drive(
     sinks: dict[str, Sink] = {"calibration": gathered.take, "screen": note}
     localizer = Localizer(rig.config, profiles.make(rig.config.filter.profile, rig.config))
     with contextlib.ExitStack() as stack:
-        if record is not None:
-            recorder = Recorder(record, Header(rig.config, rig.sensors, rig.scenario))
-            sinks["recording"] = stack.enter_context(recorder).write
+        recorder = Recorder(record, Header(rig.config, rig.sensors, rig.scenario))
+        sinks["recording"] = stack.enter_context(recorder).write
         click.echo(f"{rig.title}: drive the robot; Ctrl-C ends and fits", err=True)
         begin = time.monotonic()
         pipeline = Pipeline(localizer, rig.sources, sinks, rig.truth)

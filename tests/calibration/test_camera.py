@@ -181,7 +181,7 @@ def test_what_cannot_be_fitted_at_all_is_told() -> None:
 @pytest.mark.slow
 def test_a_misbuilt_robot_is_put_right_by_its_own_rendered_pictures() -> None:
     """The simulation's body of motion capture is mounted as the true robot has it."""
-    scenario = parse("misbuilt4:seconds=30,seed=3")
+    scenario = parse("misbuilt4:seconds=30,seed=3,camera_hz=2.5")
     true = built(RobotConfig(), scenario)
     config = RobotConfig(mocap=true.mocap)
     gathered = Gathered(config)

@@ -207,9 +207,8 @@ def test_lidars_that_aim_at_each_other_show_as_interference() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [11, 12, 13, 14])
-def test_over_seeds_clutter_and_curve_are_those_of_a_plain_count(seed: int) -> None:
-    text = f"arena4:seconds=150,seed={seed},side_m=5"
+def test_clutter_and_curve_are_those_of_a_plain_count() -> None:
+    text = "arena4:seconds=150,seed=11,side_m=5"
     fit, count = detection.calibrate(lidar_drive(text)), Count(text)
     most, half, _ = curve_by_shares(count.distances, count.seen)
     assert row(fit, "lidar half-range").value == pytest.approx(half, abs=0.1)
@@ -219,14 +218,13 @@ def test_over_seeds_clutter_and_curve_are_those_of_a_plain_count(seed: int) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [21, 22])
-def test_odd_pillars_of_a_turned_lidar_are_found(seed: int) -> None:
+def test_odd_pillars_of_a_turned_lidar_are_found() -> None:
     odd = ((178.0, 9.0), (-20.0, 3.0), (60.3, 14.7), (100.0, 2.0))
     pillars = tuple(
         BlindSector(centre_rad=math.radians(c), width_rad=math.radians(w)) for c, w in odd
     )
     true = RobotConfig(lidar=Lidar(blind_sectors=pillars, heading_rad=0.5, x_m=0.02))
-    gathered = lidar_drive(f"arena4:seconds=60,seed={seed}", true)
+    gathered = lidar_drive("arena4:seconds=60,seed=21", true)
     # What is configured does not matter to what is found.
     lidar = true.lidar.model_copy(update={"blind_sectors": ()})
     fit = detection.calibrate(scans_only(gathered, true.model_copy(update={"lidar": lidar})))

@@ -12,8 +12,8 @@ from host.calibration.wheels import (
     advice,
     apply,
     calibrate,
-    drive_of,
     drive_of_run,
+    drives_of,
     end_error,
     score,
 )
@@ -220,10 +220,10 @@ def test_a_robot_that_stood_still_is_told_so():
 def test_circles_of_one_radius_are_warned_of():
     alike = calibrate(circles(40.0, 0.4, -0.4), Wheels(), Mocap())
     assert failed(alike) == []
-    assert "carry over badly" in alike.residuals
-    assert len(alike.figures["warnings"]) == 1
+    assert "carry over badly" in alike.warnings[0]
+    assert len(alike.warnings) == 1
     varied = calibrate([wandering(4)], Wheels(), Mocap())
-    assert varied.figures["warnings"] == []
+    assert varied.warnings == ()
 
 
 @pytest.mark.parametrize("factor", [4, 2])
@@ -303,14 +303,20 @@ def gathered(made, config):
 
 def test_a_drive_is_made_of_messages():
     made = wandering(1, 20.0)
-    found = drive_of(gathered(made, RobotConfig()))
+    (found,) = drives_of(gathered(made, RobotConfig()))
     assert np.array_equal(np.diff(found.ticks, axis=0), np.diff(made.ticks, axis=0))
     assert found.times == pytest.approx(made.times)
     assert found.truth[:, :2] == pytest.approx(made.truth[:, :2])
     assert np.cos(found.truth[:, 2]) == pytest.approx(np.cos(made.truth[:, 2]))
+    holed = gathered(made, RobotConfig())
+    del holed.displacements[200:260]
+    first, second = drives_of(holed)
+    assert first.times[-1] == pytest.approx(made.times[200])
+    assert second.times[0] == pytest.approx(made.times[260])
+    assert second.truth_times[0] > first.truth_times[0]
     empty = Gathered(RobotConfig())
     with pytest.raises(UserError, match="no wheel ticks"):
-        drive_of(empty)
+        drives_of(empty)
 
 
 def test_advice_says_what_is_missing_until_enough_was_driven():
@@ -384,7 +390,7 @@ def test_a_fit_to_free_driving_carries_over_and_says_so(sessions):
     nominal = wheels, Mocap()
     found = calibrate(drives["free"], *nominal)
     assert found.failures == []
-    assert found.figures["warnings"] == []
+    assert found.warnings == ()
     fitted = apply(found, *nominal)
     assert left_over(drives["circular"], nominal, fitted) <= 0.40
     assert left_over(drives["square"], nominal, fitted) <= 0.50
@@ -397,7 +403,7 @@ def test_what_circles_alone_do_not_tell_is_said(sessions):
     wheels, drives = sessions
     both = calibrate(drives["circular"], wheels, Mocap())
     assert both.failures == []
-    assert "carry over badly" in both.residuals
+    assert "carry over badly" in both.warnings[0]
     for run in (*drives["circular"], *drives["square"]):
         alone = calibrate([run], wheels, Mocap())
         assert any("turning direction" in failure for failure in alone.failures), run.name
