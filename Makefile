@@ -14,6 +14,8 @@
 
 SCENARIO ?= arena4
 BIN := .venv/bin
+# Two at a time, a file each: tests of live runs would get into each other's way on more.
+PYTEST := -m pytest -q -n 2 --dist loadfile
 
 # On so few cores, and with arrays so small, the linear algebra's threads only get in each other's way.
 export OMP_NUM_THREADS := 1
@@ -28,7 +30,7 @@ flash: .venv/ready-firmware
 	$(BIN)/swarmloc flash $(if $(PORT),--port $(PORT))
 
 test: .venv/ready-test
-	$(BIN)/python -m pytest -q
+	$(BIN)/python $(PYTEST)
 
 lint: .venv/ready-dev
 	$(BIN)/ruff check
@@ -39,7 +41,7 @@ bench: .venv/ready-bench
 	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
 
 test-lowest: .venv-lowest/ready-test
-	.venv-lowest/bin/python -m pytest -q
+	.venv-lowest/bin/python $(PYTEST)
 
 .venv/ready-run: pyproject.toml tools/setup
 	@PYTHON="$(PYTHON)" tools/setup .venv
