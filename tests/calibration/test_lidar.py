@@ -1,6 +1,7 @@
 """The lidar's mounting and delay, from teammates it saw while motion capture did."""
 
 import math
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -289,11 +290,14 @@ def test_the_simulated_robot_finds_its_lidar() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("_third_wrong")
 def test_sigmas_are_honest_over_simulated_drives() -> None:
+    """SWARMLOC_SEEDS=30 drives more of them, and -s shows what comes out."""
     normalised = []
-    for seed in range(1, 5):
+    for seed in range(1, 1 + int(os.environ.get("SWARMLOC_SEEDS", "4"))):
         found = calibrate(simulated(seed, 45.0))
         sigmas = np.array([row.sigma for row in found.fitted[:4]]) / LIMITS
         miss = misses(found, MOUNTED)
         assert np.all(miss < 1.0), seed
         normalised.append((miss / sigmas) ** 2)
-    assert 0.5 < np.mean(normalised) < 2.0
+    squares = np.mean(normalised, axis=0)
+    print("normalised squared error of heading, x, y, delay:", squares, "mean", squares.mean())
+    assert 0.5 < squares.mean() < 2.0
