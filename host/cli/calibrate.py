@@ -146,7 +146,7 @@ def camera(
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, camera_calibration.advice)
+    name, gathered = fitting.gather(source, camera_calibration.advice, lidar_serves=True)
     known = lenses(boards, board, gathered.config.camera)
     fitting.conclude(camera_calibration.calibrate(gathered, known), name)
 

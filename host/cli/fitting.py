@@ -98,18 +98,25 @@ class Fitting:
             _check_folder(path)
 
     def gather(
-        self, source: str | None, advice: gathering.Advice, *, mounted: bool = True
+        self,
+        source: str | None,
+        advice: gathering.Advice,
+        *,
+        mounted: bool = True,
+        lidar_serves: bool = False,
     ) -> tuple[str, Gathered]:
         """The data and their name: of a source, or of the devices where there is none.
 
         mounted: whether the fit stands on how the tracked body lies on the robot; then it is told
-        where nobody has found that yet.
+        where nobody has found that yet. lidar_serves: where there is no motion capture.
         """
         if source is None:
             scenario, seconds, record = self._live
             # A drive is work, and a fit may be refused: it is always recorded.
             record = record or Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
-            name, gathered = gathering.live(self.robot_path, scenario, seconds, record, advice)
+            name, gathered = gathering.live(
+                self.robot_path, scenario, seconds, record, advice, not lidar_serves
+            )
             click.echo(f"recorded in {record}", err=True)
         else:
             self.check_source()

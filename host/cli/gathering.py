@@ -70,10 +70,12 @@ def live(
     seconds: float | None,
     record: Path,
     advice: Advice,
+    mocap_needed: bool,
 ) -> tuple[str, Gathered]:
     """What the devices say until a signal or for `seconds`, and their name.
 
-    Meanwhile the screen tells what is still missing.
+    Meanwhile the screen tells what is still missing. Raises UserError where there is no motion
+    capture and it is needed.
     """
     robot = options.robot(robot_path)
     with contextlib.ExitStack() as stack:
@@ -81,7 +83,7 @@ def live(
             rig = real_rig(robot, None)
         else:
             rig = simulated_rig(stack, robot, with_mocap(scenario), {}, LIDAR_AND_CAMERA)
-        if MOCAP not in rig.sources:
+        if mocap_needed and MOCAP not in rig.sources:
             raise UserError(
                 "there is no motion capture to calibrate against",
                 'source is "none" in [mocap] of robot.toml',
@@ -96,6 +98,7 @@ def _drive(
     rig: Rig, gathered: Gathered, seconds: float | None, record: Path, advice: Advice
 ) -> None:
     health: dict[str, Health] = {}
+    mocap = MOCAP in rig.sources
 
     def note(message: Message) -> None:
         if isinstance(message, Health):
@@ -115,7 +118,8 @@ def _drive(
                 if seconds is not None and passed >= seconds:
                     break
                 time.sleep(_LOOK_S if seconds is None else min(_LOOK_S, seconds - passed))
-                _tell(time.monotonic() - begin, list(health.values()), gathered, advice)
+                waiting = mocap and not gathered.bodies
+                _tell(time.monotonic() - begin, list(health.values()), gathered, advice, waiting)
         if sys.stderr.isatty():
             click.echo(err=True)
     # What was driven is fitted nevertheless: the verdict tells whether it will do.
@@ -124,12 +128,17 @@ def _drive(
         click.echo(f"{name} ended before its time: {why}", err=True)
 
 
-def _tell(passed: float, health: list[Health], gathered: Gathered, advice: Advice) -> None:
-    """One line: the time, a device that is down, or what the drive still lacks."""
+def _tell(
+    passed: float, health: list[Health], gathered: Gathered, advice: Advice, waiting: bool
+) -> None:
+    """One line: the time, a device that is down, or what the drive still lacks.
+
+    waiting: for the first frame of motion capture.
+    """
     down = [each for each in health if not each.ok and each.device != "localizer"]
     if down:
         said = f"{down[0].device}: " + "; ".join(down[0].reason.splitlines())
-    elif not gathered.bodies:
+    elif waiting:
         said = "waiting for motion capture"
     else:
         try:

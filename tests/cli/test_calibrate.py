@@ -174,6 +174,15 @@ def test_what_stands_on_the_wheels_says_so_before_they_are_fitted(
     assert "calibrate wheels first" not in result.output
 
 
+def test_cameras_can_do_with_the_lidar_instead_of_motion_capture(tmp_path: Path) -> None:
+    drive = tmp_path / "drive.swarmloc"
+    result = calibrate("camera", "--seconds", "2", "--record", drive, folder=tmp_path)
+    assert result.exit_code == 1
+    assert "waiting for motion capture" not in result.output
+    assert "0 turns of the lidar" in result.output  # there is no device at all here
+    assert drive.exists()
+
+
 def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
     for option in (("--seconds", "5"), ("--simulate", "arena4"), ("--record", "x.swarmloc")):
         result = calibrate("lidar", "arena4:seconds=2", *option, folder=tmp_path)
