@@ -100,7 +100,6 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
     curve, rows = _curve("lidar", lidar, views.part(clear))
     part = _Part(fitted=rows + _sector_rows(gathered, sectors))
     found = clutter(survey, curve, lidar)
-    first = _first_half(survey.times)
     part.fitted.append(
         _rate_row(
             "lidar.clutter_per_m2",
@@ -108,13 +107,12 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
             lidar.clutter_per_m2,
             [
                 rate(found.counts[half], survey.areas[half], survey.times[half])
-                for half in (first | True, first, ~first)
+                for half in _all_and_halves(survey.times)
             ],
             "/m² a turn",
         )
     )
-    first = _first_half(views.times)
-    noises = [range_noise(survey, clear & half) for half in (first | True, first, ~first)]
+    noises = [range_noise(survey, clear & half) for half in _all_and_halves(views.times)]
     name = "lidar range noise at 1 m"
     part.fitted.append(
         _rate_row("lidar.range_noise_m", name, lidar.range_noise_m, noises, "mm", 1e3, _SHARE_LIMIT)
@@ -157,7 +155,6 @@ def _cameras(camera: Camera, survey: CameraSurvey) -> _Part:
         raise _nobody("the cameras", "picture")
     curve, rows = _curve("camera", camera, views)
     part = _Part(fitted=rows)
-    first = _first_half(survey.times)
     part.fitted.append(
         _rate_row(
             "camera.clutter_per_rad",
@@ -165,14 +162,13 @@ def _cameras(camera: Camera, survey: CameraSurvey) -> _Part:
             camera.clutter_per_rad,
             [
                 rate(survey.false[half], survey.free[half], survey.times[half])
-                for half in (first | True, first, ~first)
+                for half in _all_and_halves(survey.times)
             ],
             "/rad a picture",
         )
     )
-    first = _first_half(views.times)
     (noise, mean), (early, _), (late, _) = (
-        bearing_noise(survey, half) for half in (first | True, first, ~first)
+        bearing_noise(survey, half) for half in _all_and_halves(views.times)
     )
     sigma = bearing_noise_sigma(survey)
     before = camera.bearing_noise_rad
@@ -219,8 +215,10 @@ def _nobody(sensor: str, moment: str) -> UserError:
     )
 
 
-def _first_half(times: FloatArray) -> BoolArray:
-    return np.asarray(times <= 0.5 * (times.min() + times.max()))
+def _all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Which of the times (n,) count: all, those of the first half of the drive, the others."""
+    first: BoolArray = np.asarray(times <= 0.5 * (times.min() + times.max()))
+    return first | True, first, ~first
 
 
 def _finite(halves: tuple[float, float]) -> tuple[float, float] | None:
@@ -259,8 +257,8 @@ def _curve(section: str, config: Lidar | Camera, views: Views) -> tuple[RangeCur
     """The curve of one sensor, and its three rows."""
     configured = config.half_range_m, config.range_steepness_per_m
     curve = fit_curve(views, configured)
-    first = _first_half(views.times)
-    halves = [fit_curve(views.part(h), configured) for h in (first, ~first) if h.any()]
+    _, *parts = _all_and_halves(views.times)
+    halves = [fit_curve(views.part(half), configured) for half in parts if half.any()]
     before = (config.detection_probability, *configured)
     keys = "detection_probability", "half_range_m", "range_steepness_per_m"
     names = "detection probability close by", "half-range", "steepness"

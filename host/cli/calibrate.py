@@ -1,16 +1,15 @@
-"""`swarmloc calibrate`: numbers of robot.toml, fitted to what motion capture saw of a drive."""
+"""`swarmloc calibrate`: numbers of robot.toml, fitted to what motion capture saw of a drive.
+
+Each fit is imported by its own command: together they would add a fifth of a second to the start
+of every other one.
+"""
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from host.calibration import camera as camera_calibration
-from host.calibration import detection as detection_calibration
-from host.calibration import lidar as lidar_calibration
-from host.calibration import wheels as wheels_calibration
-from host.calibration.wheels import Drive
 from host.cli import gathering
 from host.cli.calibrate_colour import colour
 from host.cli.checkerboard import board_option, boards_option, lenses
@@ -18,6 +17,9 @@ from host.cli.fitting import Fitting, fit_options
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.recording import optiodom
+
+if TYPE_CHECKING:
+    from host.calibration.wheels import Drive
 
 _OPTIODOM = "optiodom:"
 
@@ -63,6 +65,8 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
 
     SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
     """
+    from host.calibration import wheels as fit
+
     fitting = Fitting(**common)
     name = ", ".join(sources)
     if sources:
@@ -78,19 +82,16 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
                 )
             drives += more
     else:
-        name, gathered = fitting.gather(None, wheels_calibration.advice, mounted=False)
-        drives = wheels_calibration.drives_of(gathered)
+        name, gathered = fitting.gather(None, fit.advice, mounted=False)
+        drives = fit.drives_of(gathered)
         nominal, mocap = gathered.config.wheels, gathered.config.mocap
     unseen = {source: _drives(source, fitting.robot_path)[0] for source in tests}
-    calibration = wheels_calibration.calibrate(drives, nominal, mocap)
+    calibration = fit.calibrate(drives, nominal, mocap)
     if any(source.startswith(_OPTIODOM) for source in sources):  # the radii are in its counts
         counts = {"wheels.counts_per_turn": nominal.counts_per_turn}
         calibration = dataclasses.replace(calibration, settings=counts | calibration.settings)
-    fitted = wheels_calibration.apply(calibration, nominal, mocap)
-    scores = [
-        wheels_calibration.score(source, read, (nominal, mocap), fitted)
-        for source, read in unseen.items()
-    ]
+    fitted = fit.apply(calibration, nominal, mocap)
+    scores = [fit.score(source, read, (nominal, mocap), fitted) for source, read in unseen.items()]
     for score in scores:
         click.echo(
             f"{score['source']}: {1000 * score['nominal_end_error_m']:.1f} mm at the end with the "
@@ -99,13 +100,15 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
     fitting.conclude(calibration, name, tests=scores)
 
 
-def _drives(source: str, robot_path: Path | None) -> tuple[list[Drive], Wheels, Mocap]:
+def _drives(source: str, robot_path: Path | None) -> tuple["list[Drive]", Wheels, Mocap]:
     """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
+    from host.calibration import wheels as fit
+
     if source.startswith(_OPTIODOM):
         runs = optiodom.read(Path(source.removeprefix(_OPTIODOM)))
-        return [wheels_calibration.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
+        return [fit.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
     gathered = gathering.from_source(source, robot_path)
-    drives = wheels_calibration.drives_of(gathered)
+    drives = fit.drives_of(gathered)
     return drives, gathered.config.wheels, gathered.config.mocap
 
 
@@ -122,9 +125,11 @@ def lidar(source: str | None, **common: Any) -> None:
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
+    from host.calibration import lidar as fit
+
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, lidar_calibration.advice)
-    fitting.conclude(lidar_calibration.calibrate(gathered), name)
+    name, gathered = fitting.gather(source, fit.advice)
+    fitting.conclude(fit.calibrate(gathered), name)
 
 
 @calibrate.command(
@@ -145,10 +150,12 @@ def camera(
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
+    from host.calibration import camera as fit
+
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, camera_calibration.advice, lidar_serves=True)
+    name, gathered = fitting.gather(source, fit.advice, lidar_serves=True)
     known = lenses(boards, board, gathered.config.camera)
-    fitting.conclude(camera_calibration.calibrate(gathered, known), name)
+    fitting.conclude(fit.calibrate(gathered, known), name)
 
 
 @calibrate.command(
@@ -165,6 +172,8 @@ def detection(source: str | None, **common: Any) -> None:
     SOURCE is a recording or a scenario; without it the robot drives now. Calibrate wheels, lidar
     and cameras first.
     """
+    from host.calibration import detection as fit
+
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, detection_calibration.advice)
-    fitting.conclude(detection_calibration.calibrate(gathered), name)
+    name, gathered = fitting.gather(source, fit.advice)
+    fitting.conclude(fit.calibrate(gathered), name)
