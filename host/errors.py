@@ -12,3 +12,8 @@ class UserError(Exception):
         self.what = what
         self.why = why
         self.next_step = next_step
+
+
+def one_line(text: str) -> str:
+    """Lines joined by semicolons."""
+    return "; ".join(text.splitlines())

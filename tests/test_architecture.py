@@ -8,19 +8,19 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOORS = {
-    "cli": 5,
-    "pipeline": 4,
-    "cameras": 4,
-    "ceiling": 4,
+    "cli": 8,
+    "sessions": 7,
+    "sources": 6,
+    "pipeline": 5,
+    "simulation": 4,
     "localizer": 3,
     "calibration": 3,
     "evaluation": 3,
-    "simulation": 3,
+    "flashing": 3,
     "drivers": 2,
     "perception": 2,
     "estimator": 2,
     "recording": 2,
-    "viewer": 2,
     "messages": 1,
     "geometry": 1,
     "config": 1,
@@ -73,6 +73,15 @@ def test_a_file_imports_only_its_own_room_and_floors_below(module: str) -> None:
         if room(name) == room(module) or floor == FLOORS[room(name)] == GROUND:
             continue
         assert FLOORS[room(name)] < floor, f"{where}, which is not on a floor below"
+
+
+def test_the_plan_names_the_rooms_that_there_are() -> None:
+    assert sorted(FLOORS) == sorted({room(module) for module in MODULES} - {""})
+
+
+def test_tools_do_not_lean_on_the_command_line() -> None:
+    for file in sorted((ROOT / "tools").rglob("*.py")):
+        assert "host.cli" not in file.read_text(encoding="utf-8"), file
 
 
 def test_no_file_imports_itself_by_a_detour() -> None:

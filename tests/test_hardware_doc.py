@@ -12,7 +12,8 @@ import pytest
 
 from host.cli.main import main
 from host.config import Board, Lidar, Motors, RobotConfig, Wheels
-from host.drivers import romeo_ports, x4
+from host.drivers.romeo import ports as romeo_ports
+from host.drivers.x4 import device as x4
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")

@@ -24,8 +24,8 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.simulation.scenarios import parse
-from host.simulation.world import Simulation
+from host.simulation.offline import Simulation
+from host.simulation.world.scenarios import parse
 from tests.perception.scene import Array, Drive, Scene, take_turn
 
 CONFIG = RobotConfig()

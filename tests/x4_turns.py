@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from host.drivers.x4_packets import UNITS_PER_TURN, angle_correction, encode_packet, encode_turn
+from host.drivers.x4.packets import UNITS_PER_TURN, angle_correction, encode_packet, encode_turn
 
 NEXT_TURN = encode_packet(np.array([0]), 0, 0, True)  # tells a decoder that a turn is complete
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray
-from host.simulation import scenarios
-from host.simulation.scenarios import Scenario
+from host.simulation.world import scenarios
+from host.simulation.world.scenarios import Scenario
 
 WIDTH, TOP = 900, 112  # of the picture and above the first filter, px
 BAR, GROUP = 24, 74  # height of a bar and of a filter's two bars with the gap below, px

@@ -10,16 +10,16 @@ import math
 
 import numpy as np
 
-from host.cli import runs
-from host.cli.console import errors_m
 from host.config import RobotConfig
 from host.estimator import profiles
+from host.evaluation.truth_scoring import errors_m
 from host.geometry import Path, to_frame, to_parent
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Message, Scan, Truth
-from host.simulation import scenarios
-from host.simulation.arena import TURRET_RADIUS_M, Arena
-from host.simulation.world import OBSERVER
+from host.sessions import runs
+from host.simulation.offline import OBSERVER
+from host.simulation.world import scenarios
+from host.simulation.world.arena import TURRET_RADIUS_M, Arena
 
 SCENARIO, INSTANT_S = "arena4:seed=6,seconds=60", 59.7  # drawn is the first scan that ends after it
 MIDDLE, SCALE = np.array([254.0, 244.0]), 122.0  # of the arena, px; px/m

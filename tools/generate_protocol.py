@@ -1,4 +1,4 @@
-"""protocol.toml → include/protocol.h and host/drivers/romeo_protocol.py.
+"""protocol.toml → include/protocol.h and host/drivers/romeo/protocol.py.
 
 `python tools/generate_protocol.py` writes both; with --check it writes nothing and fails when
 they are not what it would write.
@@ -21,7 +21,7 @@ from host.errors import UserError
 ROOT = Path(__file__).resolve().parent.parent
 DEFINITION = ROOT / "firmware/romeo_odometry/protocol.toml"
 C_HEADER = ROOT / "firmware/romeo_odometry/include/protocol.h"
-PYTHON_MODULE = ROOT / "host/drivers/romeo_protocol.py"
+PYTHON_MODULE = ROOT / "host/drivers/romeo/protocol.py"
 
 NOTICE = "Written by tools/generate_protocol.py from firmware/romeo_odometry/protocol.toml."
 # One USB packet of the ATmega32U4 holds 64 bytes: id, fields, CRC, one COBS byte, the delimiter.

@@ -14,10 +14,9 @@ from pathlib import Path
 import click
 
 from host import config
-from host.cli.console import one_line
 from host.config import RobotConfig
-from host.drivers.romeo import Romeo
-from host.errors import UserError
+from host.drivers.romeo.device import Romeo
+from host.errors import UserError, one_line
 from host.messages import Displacement, Health, Message
 
 SPEED_MPS = 0.1

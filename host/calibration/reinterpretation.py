@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 
 from host.config import Eye, RobotConfig
-from host.drivers.differential_drive import displacement
+from host.drivers.romeo.differential_drive import displacement
 from host.messages import Bearings, BoolArray, Displacement, Message, Scan
 from host.perception.lens import View
 from host.perception.strip_geometry import StripGeometry

@@ -19,7 +19,7 @@ from host.errors import UserError
 from host.recording import optiodom
 
 if TYPE_CHECKING:
-    from host.calibration.wheels import Drive
+    from host.calibration.wheels.calibrate import Drive
 
 _OPTIODOM = "optiodom:"
 
@@ -65,7 +65,7 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
 
     SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
     """
-    from host.calibration import wheels as fit
+    from host.calibration.wheels import calibrate as fit
 
     fitting = Fitting(**common)
     name = ", ".join(sources)
@@ -102,7 +102,7 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
 
 def _drives(source: str, robot_path: Path | None) -> tuple["list[Drive]", Wheels, Mocap]:
     """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
-    from host.calibration import wheels as fit
+    from host.calibration.wheels import calibrate as fit
 
     if source.startswith(_OPTIODOM):
         runs = optiodom.read(Path(source.removeprefix(_OPTIODOM)))
@@ -125,7 +125,7 @@ def lidar(source: str | None, **common: Any) -> None:
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
-    from host.calibration import lidar as fit
+    from host.calibration.lidar import calibrate as fit
 
     fitting = Fitting(**common)
     name, gathered = fitting.gather(source, fit.advice)
@@ -150,7 +150,7 @@ def camera(
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
-    from host.calibration import camera as fit
+    from host.calibration.camera import calibrate as fit
 
     fitting = Fitting(**common)
     name, gathered = fitting.gather(source, fit.advice, lidar_serves=True)
@@ -172,7 +172,7 @@ def detection(source: str | None, **common: Any) -> None:
     SOURCE is a recording or a scenario; without it the robot drives now. Calibrate wheels, lidar
     and cameras first.
     """
-    from host.calibration import detection as fit
+    from host.calibration.detection import calibrate as fit
 
     fitting = Fitting(**common)
     name, gathered = fitting.gather(source, fit.advice)

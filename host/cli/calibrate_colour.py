@@ -8,8 +8,8 @@ import click
 import cv2
 import numpy as np
 
-from host.calibration import strip_colour
-from host.calibration.strip_colour import Box
+from host.calibration.camera import colour as strip_colour
+from host.calibration.camera.colour import Box
 from host.cli.options import json_option, robot, robot_option, write_json
 from host.config import Camera, Eye, Strip
 from host.errors import UserError

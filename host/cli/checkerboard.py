@@ -6,7 +6,13 @@ from pathlib import Path
 import click
 import cv2
 
-from host.calibration.lens_fit import BoardView, LensFit, board_corners, find_corners, fit_lens
+from host.calibration.camera.checkerboard import (
+    BoardView,
+    LensFit,
+    board_corners,
+    find_corners,
+    fit_lens,
+)
 from host.config import Camera, Eye
 from host.errors import UserError
 

@@ -17,14 +17,13 @@ from typing import TextIO
 
 import numpy as np
 
-from host.evaluation.metrics import match
-from host.evaluation.truth_scoring import RANGE_M
+from host.errors import one_line
+from host.evaluation.truth_scoring import RANGE_M, errors_m
 from host.messages import Estimate, FloatArray, Health, Message, Truth
 
 FRAME_S = 0.2
 LINE_S = 1.0
 _WIDEST = 100  # columns: longer lines are hard to read
-_CUT_OFF_M = 0.5  # further from every teammate an estimate is none of them
 _OLD_S = 1.0
 _HOME, _TO_LINE_END, _TO_SCREEN_END = "\x1b[H", "\x1b[K", "\x1b[J"
 _CLEAR, _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[2J", "\x1b[?25l", "\x1b[?25h"
@@ -95,19 +94,6 @@ def line(state: State) -> str:
     parts = [f"{state.seconds:7.1f} s", _tally(state)]
     parts += [f"{name} {'ok' if h.ok else 'DOWN'}" for name, h in state.devices.items()]
     return "  ".join(parts)
-
-
-def one_line(text: str) -> str:
-    """Lines joined by semicolons."""
-    return "; ".join(text.splitlines())
-
-
-def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
-    """How far each estimate (n,) is from the teammate it is matched with; nan where it is false."""
-    i, j = match(truth.positions, estimate.positions, 2.0, _CUT_OFF_M)
-    errors = np.full(len(estimate.positions), math.nan)
-    errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)
-    return errors
 
 
 def _header(state: State, width: int, paint: Paint) -> list[str]:

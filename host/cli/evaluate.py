@@ -9,7 +9,7 @@ from typing import cast
 
 import click
 
-from host.cli import options, runs
+from host.cli import options
 from host.cli.table import table
 from host.errors import UserError
 from host.estimator import profiles
@@ -18,8 +18,10 @@ from host.evaluation.metrics import Accumulator, Row
 from host.evaluation.truth_scoring import WARM_UP_S
 from host.recording import mrclam
 from host.recording.mrclam import Landmarks
-from host.simulation.scenarios import Scenario
-from host.simulation.world import OBSERVER
+from host.sessions import runs
+from host.simulation.offline import OBSERVER
+from host.simulation.world.scenarios import Scenario
+from host.sources.sensors import SENSORS
 
 FILTERS = ("perera2021", "phd", "clairvoyant", "last_reading")
 _DATASET = "mrclam:"
@@ -66,7 +68,7 @@ def evaluate(
     reported at every scan; errors are cut off at 0.5 m (1 m in the dataset).
     """
     names = options.several(filters, FILTERS, "--filters")
-    wanted = options.several(sensors, options.SENSORS, "--sensors")
+    wanted = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else options.robot(robot_path)
     for source in sources:  # what is mistyped fails before anything is computed
         _check(source)

@@ -8,8 +8,10 @@ from typing import Any, TypeVar
 
 import click
 
-from host.calibration import figures, report, robot_file
+from host.calibration import robot_file
 from host.calibration.gathered import Gathered
+from host.calibration.report import html as report
+from host.calibration.report import text as figures
 from host.calibration.result import Calibration
 from host.cli import gathering, options
 from host.errors import UserError

@@ -5,9 +5,10 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.drivers import romeo_build, romeo_flash
-from host.drivers.romeo_build import FLASH_BYTES, RAM_BYTES, Firmware
-from host.drivers.romeo_ports import AUTO
+from host.drivers.romeo.ports import AUTO
+from host.flashing import build as romeo_build
+from host.flashing import flash as romeo_flash
+from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware
 
 
 @click.command(

@@ -12,18 +12,18 @@ import click
 
 from host.calibration.gathered import Gathered
 from host.cli import options
-from host.cli.options import LIDAR_AND_CAMERA
-from host.cli.rig import MOCAP, Rig, real_rig, simulated_rig
-from host.cli.run import signals_caught
-from host.cli.runs import find, read_as
+from host.cli.signals import signals_caught
 from host.errors import UserError
 from host.estimator import profiles
 from host.localizer import Localizer
 from host.messages import Health, Message
 from host.pipeline import Pipeline, Sink
 from host.recording.log import Header, Recorder, Recording
-from host.simulation import scenarios
-from host.simulation.world import Simulation
+from host.sessions.runs import find, read_as
+from host.simulation.offline import Simulation
+from host.simulation.world import scenarios
+from host.sources.rig import MOCAP, Rig, real_rig, simulated_rig
+from host.sources.sensors import LIDAR_AND_CAMERA
 
 _LOOK_S = 1.0
 _MOCAP_HZ = 100

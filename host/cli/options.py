@@ -15,8 +15,6 @@ from host.estimator.profiles import PROFILES
 
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
 
-LIDAR_ONLY, LIDAR_AND_CAMERA = SENSORS = ("lidar", "lidar+camera")
-
 
 def _robot_option(default: str) -> Callable[[FC], FC]:
     return click.option(

@@ -14,7 +14,6 @@ import numpy as np
 
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
-from host.cli.runs import read_as, uses
 from host.cli.tally import Tally, rounded, summary, timing
 from host.config import RobotConfig
 from host.errors import UserError
@@ -26,6 +25,8 @@ from host.evaluation.truth_scoring import AfterPositions, score
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 from host.recording.log import SUFFIX, Recording
+from host.sessions.runs import read_as
+from host.sources.sensors import SENSORS, uses
 
 Watcher = Callable[[Message | None, Sequence[Estimate]], None]
 _SCORED = ("gospa_m", "localisation_m", "missed", "false", "rmse_m")
@@ -126,7 +127,7 @@ Examples:
 @options.filter_option
 @click.option(
     "--sensors",
-    type=click.Choice(options.SENSORS),
+    type=click.Choice(SENSORS),
     help="Sensors to use besides the wheels.  [default: the recording's]",
 )
 @click.option(

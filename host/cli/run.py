@@ -3,21 +3,18 @@
 import contextlib
 import math
 import re
-import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import click
 
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
-from host.cli.options import LIDAR_AND_CAMERA
-from host.cli.rig import Rig, real_rig, simulated_rig
+from host.cli.signals import signals_caught
 from host.cli.tally import Tally, summary, timing
 from host.errors import UserError
 from host.estimator import profiles
@@ -25,11 +22,12 @@ from host.evaluation.runner import Timed
 from host.localizer import Localizer
 from host.pipeline import Pipeline, Sink
 from host.recording.log import Header, Recorder
-from host.simulation import scenarios
-from host.simulation.devices import Interval
+from host.simulation.live import Interval
+from host.simulation.world import scenarios
+from host.sources.rig import Rig, real_rig, simulated_rig
+from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
 
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def _intervals(
@@ -85,7 +83,7 @@ Examples:
 )
 @click.option(
     "--sensors",
-    type=click.Choice(options.SENSORS),
+    type=click.Choice(SENSORS),
     help="Sensors to use besides the wheels.  [default: those there are]",
 )
 @options.filter_option
@@ -177,27 +175,3 @@ def _run(
     if rig.simulated_board is not None:
         figures["simulated_board"] = rig.simulated_board
     return figures, pipeline.failures
-
-
-@contextlib.contextmanager
-def signals_caught() -> Iterator[Callable[[], bool]]:
-    """Gives what tells whether a signal to end came; a second one ends the program at once."""
-    came = False
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-    def handle(number: int, stack: FrameType | None) -> None:
-        # It interrupts this very thread wherever it is, perhaps inside a lock: take none here.
-        nonlocal came
-        restore()
-        came = True
-
-    for number in _SIGNALS:
-        signal.signal(number, handle)
-    try:
-        yield lambda: came
-    finally:
-        restore()

@@ -8,9 +8,10 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.cli.runs import simulated
 from host.recording.log import SUFFIX, Header, Recorder
-from host.simulation import scenarios
+from host.sessions.runs import simulated
+from host.simulation.world import scenarios
+from host.sources.sensors import LIDAR_AND_CAMERA
 
 
 @click.command(
@@ -40,7 +41,7 @@ def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Pa
     begin, done = time.monotonic(), 0.0
     # Before the file: what cannot be simulated leaves none.
     simulation, messages = simulated(parsed, robot)
-    header = Header(simulation.config, options.LIDAR_AND_CAMERA, scenario)
+    header = Header(simulation.config, LIDAR_AND_CAMERA, scenario)
     with (
         Recorder(output, header) as recorder,
         click.progressbar(length=round(10 * parsed.seconds), file=sys.stderr) as bar,

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from host.cli.console import errors_m, one_line
 from host.cli.options import listing
-from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S
+from host.errors import one_line
+from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S, errors_m
 from host.messages import Estimate, Health, Message, Truth
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # within a count, until the lines are filled

@@ -1,11 +1,10 @@
-"""Serial ports shared by the device drivers: find, open, read, and reconnect, failures in words."""
+"""Serial ports shared by the device drivers: find, open and read, failures in words."""
 
 import errno
 import os
 import select
 import termios
-import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import serial
@@ -13,7 +12,6 @@ from serial.tools import list_ports
 
 from host.errors import UserError
 
-RETRY_S = 0.5
 BY_ID = Path("/dev/serial/by-id")
 
 _ABSENT = ("no such device is plugged in", "")
@@ -95,7 +93,7 @@ def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Seria
     try:
         port.open()
     except OSError as error:
-        raise UserError(f"cannot open {path}", explain(error), _next_step(error)) from error
+        raise UserError(f"cannot open {path}", explain(error), next_step(error)) from error
     except termios.error as error:
         raise UserError(f"cannot open {path}", str(error), "unplug it and plug it in again") from (
             error
@@ -125,27 +123,6 @@ def read_available(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
     return data
 
 
-def keep_connected(
-    serve: Callable[[], None],
-    report: Callable[[UserError], None],
-    stop: threading.Event,
-    retry_s: float = RETRY_S,
-) -> None:
-    """Call `serve` again and again until `stop` is set, `retry_s` apart.
-
-    serve: connects, serves one connection and returns when `stop` is set; a UserError or an
-    OSError from it goes to `report`, any other error is the program's own and is raised.
-    """
-    while not stop.is_set():
-        try:
-            serve()
-        except UserError as error:
-            report(error)
-        except OSError as error:
-            report(UserError("the connection was lost", explain(error), _next_step(error)))
-        stop.wait(retry_s)
-
-
 def explain(error: OSError) -> str:
     """Why a port does not open, read or write, in words."""
     if isinstance(error, serial.SerialTimeoutException):
@@ -154,7 +131,8 @@ def explain(error: OSError) -> str:
     return cause or error.strerror or str(error)
 
 
-def _next_step(error: OSError) -> str:
+def next_step(error: OSError) -> str:
+    """What to do about it, in words."""
     _, step = _CAUSES.get(_number(error) or 0, ("", ""))
     return step or "check the plug and the cable; it is tried again by itself"
 

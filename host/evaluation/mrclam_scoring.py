@@ -16,7 +16,7 @@ from host.config import Lidar, RobotConfig
 from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading
-from host.evaluation.metrics import Accumulator, Row
+from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Row
 from host.evaluation.runner import run
 from host.messages import Displacement, FloatArray, IntArray, Positions
 from host.recording.mrclam import Dataset, Landmarks
@@ -24,7 +24,6 @@ from host.recording.mrclam import Dataset, Landmarks
 WARM_UP_S = 60.0
 EVERY_S = 1.0
 REMEMBER_S = 5.0  # T
-CUT_OFF_M = 1.0  # c
 SENSORS = "camera"  # of ranges and bearings
 # m²/s: makes the clairvoyant consistent (ANEES 1) on dataset 6, where robots drive at 6.5 cm/s.
 PROCESS_NOISE = 0.0125
@@ -83,7 +82,7 @@ def score(
 ) -> Accumulator:
     """Run a filter on `messages`, which are the observer's of the dataset, and score it."""
     times, identities = _sightings(messages)
-    scored = Accumulator(p=2.0, c=CUT_OFF_M)
+    scored = Accumulator(p=2.0, c=MRCLAM_CUT_OFF_M)
     when = instants(dataset)
     estimates = run(filter_, messages, when, scored.update_seconds)
     for time, estimate in zip(when, estimates, strict=True):

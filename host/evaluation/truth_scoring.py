@@ -1,13 +1,14 @@
 """How estimates are scored where truth is known at every time: scenarios and mocap recordings."""
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from host.estimator.interface import Filter
 from host.evaluation.labels import TruthTrack
-from host.evaluation.metrics import Accumulator, match
-from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
+from host.evaluation.metrics import CUT_OFF_M, Accumulator, match
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions, Truth
 
 RANGE_M = 2.0  # the sensing range of the thesis: who is nearer is to be reported
 BAND_M = 0.5  # a report from this border beyond the range is never false
@@ -38,6 +39,14 @@ def score(
         wanted, beyond = truth.positions[inside], truth.positions[~inside]
         border = _spare_in_border(wanted, estimate, scored, range_m, band_m)
         scored.add(wanted, np.concatenate((beyond, border)), estimate)
+
+
+def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
+    """How far each estimate (n,) is from the teammate it is matched with; nan where it is false."""
+    i, j = match(truth.positions, estimate.positions, 2.0, CUT_OFF_M)
+    errors = np.full(len(estimate.positions), math.nan)
+    errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)
+    return errors
 
 
 def _spare_in_border(

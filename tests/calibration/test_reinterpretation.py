@@ -7,9 +7,9 @@ from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.messages import Bearings, Displacement, Message, Scan
 from host.perception.red_strip import StripFinder
-from host.simulation.built import built
-from host.simulation.scenarios import parse
-from host.simulation.world import Simulation
+from host.simulation.offline import Simulation
+from host.simulation.world.built import built
+from host.simulation.world.scenarios import parse
 
 SCENARIO = "misbuilt4:seconds=4,seed=3,camera_hz=2"
 TOLD = RobotConfig()

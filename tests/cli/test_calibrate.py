@@ -15,8 +15,8 @@ from host.cli.main import main
 from host.config import RobotConfig
 from host.messages import Bodies, Displacement
 from host.recording.log import Recording
-from host.simulation.built import built
-from host.simulation.scenarios import parse
+from host.simulation.world.built import built
+from host.simulation.world.scenarios import parse
 
 EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
 DRIVE = "arena4:seed=1,seconds=60,misbuilt=1,lidar_delay_s=0.08,camera_delay_s=0.15,mocap_hz=100"

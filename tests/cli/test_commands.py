@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from host.cli import runs
 from host.cli.main import main
 from host.cli.replay import Comparison
 from host.cli.table import table
@@ -16,6 +15,7 @@ from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import Displacement, Estimate, Health, Truth
 from host.recording.log import Header, Recorder, Recording
+from host.sessions import runs
 
 COMMANDS = ("run", "flash", "simulate", "replay", "evaluate")
 KEYS = [

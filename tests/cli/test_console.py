@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from host.cli import console
-from host.cli.console import Console, State, coloured, errors_m, frame, line
+from host.cli.console import Console, State, coloured, frame, line
+from host.evaluation.truth_scoring import errors_m
 from host.messages import Estimate, Health, Truth
 
 LONG_REASON = "cannot open /dev/ttyUSB0\nno such device is plugged in\n" + "check the plug " * 9

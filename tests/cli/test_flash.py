@@ -9,12 +9,13 @@ from click.testing import CliRunner, Result
 from serial.tools import list_ports
 
 from host.cli.main import main
-from host.drivers import romeo_build, romeo_flash
-from host.drivers.romeo_build import build_with_avr_gcc
-from host.drivers.romeo_flash import find_avrdude, identity_of, in_words, version
-from host.drivers.romeo_protocol import PROTOCOL_HASH
-from host.simulation import romeo_device
-from tests.drivers.romeo_machine import Machine
+from host.drivers.romeo.protocol import PROTOCOL_HASH
+from host.flashing import build as romeo_build
+from host.flashing import flash as romeo_flash
+from host.flashing.build import build_with_avr_gcc
+from host.flashing.flash import find_avrdude, identity_of, in_words, version
+from host.simulation.devices import romeo_stand_in as romeo_device
+from tests.flashing.romeo_machine import Machine
 from tests.toolchain import needed
 
 

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
-from host.cli.run import signals_caught
+from host.cli.signals import signals_caught
 from host.messages import Bearings, Displacement, Estimate, Health, Scan, Truth
 from host.recording.log import Recording
 

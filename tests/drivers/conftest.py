@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from host.drivers import camera, camera_v4l2
-from tests.drivers.camera_bench import Bench
+from host.drivers.camera import driver as camera
+from host.drivers.camera import usb as camera_v4l2
+from tests.drivers.camera.camera_bench import Bench
 
 
 @pytest.fixture

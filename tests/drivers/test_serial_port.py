@@ -12,10 +12,10 @@ import serial
 from serial.tools import list_ports
 
 from host.drivers import serial_port
+from host.drivers.reconnect import keep_connected
 from host.drivers.serial_port import (
     explain,
     find_port,
-    keep_connected,
     open_port,
     read_available,
 )

@@ -8,10 +8,10 @@ from typing import Protocol
 
 from cobs import cobs
 
-from host.drivers.romeo_framing import Decoder, encode
-from host.drivers.romeo_protocol import DisplacementFrame, Frame, IdentityFrame, VelocityFrame
-from host.simulation.romeo_device import DEFAULTS, RomeoStandIn
-from host.simulation.romeo_elf import LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
+from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.protocol import DisplacementFrame, Frame, IdentityFrame, VelocityFrame
+from host.simulation.devices.romeo_elf import LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
+from host.simulation.devices.romeo_stand_in import DEFAULTS, RomeoStandIn
 
 Received = list[tuple[float, Frame]]
 START_S = 0.2  # switched on, found by the host, port opened
@@ -49,7 +49,7 @@ class BoardUnderTest(Protocol):
 
 
 class StandInBoard:
-    """host.simulation.romeo_device.RomeoStandIn."""
+    """host.simulation.devices.romeo_stand_in.RomeoStandIn."""
 
     def __init__(self, clock_us: int = 0) -> None:
         self.decoder = Decoder()

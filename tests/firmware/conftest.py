@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_build import build_with_avr_gcc
-from host.simulation import romeo_library
+from host.flashing.build import build_with_avr_gcc
+from host.simulation.devices import romeo_library
 from tests.firmware.boards import BoardUnderTest, ElfBoard, StandInBoard
 from tests.toolchain import missing, needed
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 import pytest
 
 from host.config import RobotConfig
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import (
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import (
     BOARD_ROMEO_V2,
     COMMAND_TIMEOUT_MS,
     PROTOCOL_HASH,
@@ -24,8 +24,8 @@ from host.drivers.romeo_protocol import (
     SettingsReversed,
     VelocityFrame,
 )
-from host.drivers.romeo_session import Session
-from host.simulation.romeo_device import DEFAULTS
+from host.drivers.romeo.session import Session
+from host.simulation.devices.romeo_stand_in import DEFAULTS
 from tests.firmware.boards import (
     BoardUnderTest,
     Received,

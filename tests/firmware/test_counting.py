@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import (
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import (
     DisplacementFrame,
     HelloFrame,
     SettingsReversed,
     VelocityFrame,
 )
-from host.simulation.romeo_device import DEFAULTS
+from host.simulation.devices.romeo_stand_in import DEFAULTS
 from tests.firmware.boards import ElfBoard
 
 # Ticks/s of each wheel, beyond the most of the motors: some 6400 at 2x, 13000 at 4x.

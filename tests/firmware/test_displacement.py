@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from host.drivers.romeo_protocol import DisplacementFrame
+from host.drivers.romeo.protocol import DisplacementFrame
 
 
 class Reports:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from host.config import RobotConfig, Wheels
-from host.drivers.differential_drive import wheel_speeds
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import VelocityFrame
-from host.drivers.romeo_session import Session, settings_for
+from host.drivers.romeo.differential_drive import wheel_speeds
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import VelocityFrame
+from host.drivers.romeo.session import Session, settings_for
 from host.geometry import rotation
 from host.messages import FloatArray
-from host.simulation.motors import DrivenRobot
-from host.simulation.romeo_elf import RomeoElf
+from host.simulation.devices.motors import DrivenRobot
+from host.simulation.devices.romeo_elf import RomeoElf
 
 STEP_S = 0.001
 SPEED_MPS = 0.3

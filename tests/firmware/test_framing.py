@@ -9,9 +9,9 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from host.drivers import romeo_framing
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import (
+from host.drivers.romeo import framing as romeo_framing
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import (
     FRAMES,
     LARGEST_ENCODED,
     LARGEST_FRAME,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import DisplacementFrame, HelloFrame, IdentityFrame, VelocityFrame
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, IdentityFrame, VelocityFrame
 from tests.firmware.boards import ElfBoard, mutated, refused_by_board
 
 SEED = 2026

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_framing import encode
-from host.drivers.romeo_protocol import (
+from host.drivers.romeo.framing import encode
+from host.drivers.romeo.protocol import (
     COMMAND_TIMEOUT_MS,
     DisplacementFrame,
     SettingsReversed,
     VelocityFrame,
 )
-from host.simulation.romeo_device import DEFAULTS
+from host.simulation.devices.romeo_stand_in import DEFAULTS
 from tests.firmware.boards import ElfBoard
 
 TOLERANCE_S = 0.020

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from host.drivers.romeo_framing import Decoder, encode
-from host.drivers.romeo_protocol import ReadSettingsFrame, SettingsFrame
-from host.simulation.romeo_device import DEFAULTS, RomeoStandIn
+from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.protocol import ReadSettingsFrame, SettingsFrame
+from host.simulation.devices.romeo_stand_in import DEFAULTS, RomeoStandIn
 
 FIELDS = st.builds(
     SettingsFrame,

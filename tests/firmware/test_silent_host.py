@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_framing import Decoder, encode
-from host.drivers.romeo_protocol import DisplacementFrame, HelloFrame
+from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame
 from tests.firmware.boards import ElfBoard
 
 SECONDS = 10

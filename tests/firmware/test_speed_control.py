@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from host.drivers.romeo_protocol import SettingsFrame
-from host.simulation.romeo_device import DEFAULTS
+from host.drivers.romeo.protocol import SettingsFrame
+from host.simulation.devices.romeo_stand_in import DEFAULTS
 
 Make = Callable[[SettingsFrame], "Control"]
 HZ = 100

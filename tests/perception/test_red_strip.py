@@ -12,7 +12,7 @@ from host.config import Camera, Eye, Strip
 from host.geometry import wrap
 from host.perception.jpeg_decoder import Image, OpenCvDecoder, TurboDecoder
 from host.perception.red_strip import Blob, StripFinder
-from host.simulation.pictures import Look, frames
+from host.simulation.pictures.render import Look, frames
 from tests.perception.drawn_strips import (
     STRIP_BGR,
     background,

@@ -9,8 +9,8 @@ import pytest
 from host.config import Camera
 from host.geometry import wrap
 from host.perception.red_strip import StripFinder
-from host.simulation.pictures import Look, Renderer, Surroundings
-from host.simulation.sightings import visible
+from host.simulation.pictures.render import Look, Renderer, Surroundings
+from host.simulation.pictures.sightings import visible
 
 SEED = 7
 SCENES = 40

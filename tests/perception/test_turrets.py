@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from host.config import Lidar
-from host.drivers.x4_packets import UNIT_RAD, UNITS_PER_TURN, encode_turn
-from host.drivers.x4_protocol import Decoder
+from host.drivers.x4.packets import UNIT_RAD, UNITS_PER_TURN, encode_turn
+from host.drivers.x4.protocol import Decoder
 from host.geometry import SECTORS, Path
 from host.messages import Positions, Scan
 from host.perception import turrets
-from host.simulation.raycast import x4_beams
+from host.simulation.world.raycast import x4_beams
 from tests.perception.scene import (
     SAMPLE_RATE_HZ,
     STANDING,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from host.config import Lidar
-from host.drivers.x4_protocol import Decoder
+from host.drivers.x4.protocol import Decoder
 from host.geometry import Path
 from host.perception import turrets
 from tests.x4_turns import NEXT_TURN, recorded_turns

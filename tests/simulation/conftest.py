@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_build import build_with_avr_gcc
-from host.simulation import romeo_library
+from host.flashing.build import build_with_avr_gcc
+from host.simulation.devices import romeo_library
 from tests.toolchain import needed
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers import romeo_protocol
+from host.drivers.romeo import protocol as romeo_protocol
 from host.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]

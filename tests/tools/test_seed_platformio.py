@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo_build import (
+from host.errors import UserError
+from host.flashing.build import (
     PROJECT,
     build_with_avr_gcc,
     build_with_platformio,
     find_platformio,
     require_avr_gcc,
 )
-from host.errors import UserError
 from tests.toolchain import missing, needed
 
 SPEC = importlib.util.spec_from_file_location(

@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from host.config import RobotConfig
-from host.drivers.differential_drive import wheel_speeds
+from host.drivers.romeo.differential_drive import wheel_speeds
 from host.messages import Displacement, Health
-from host.simulation.devices import Terminal
-from host.simulation.romeo_device import RomeoStandIn
+from host.simulation.devices.romeo_stand_in import RomeoStandIn
+from host.simulation.live import Terminal
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = importlib.util.spec_from_file_location("try_wheels", ROOT / "tools/try_wheels.py")

@@ -15,11 +15,11 @@ import tempfile
 from pathlib import Path
 
 from host import config
-from host.cli import runs
-from host.cli.options import LIDAR_AND_CAMERA
 from host.config import RobotConfig
-from host.simulation.built import built
-from host.simulation.scenarios import parse
+from host.sessions import runs
+from host.simulation.world.built import built
+from host.simulation.world.scenarios import parse
+from host.sources.sensors import LIDAR_AND_CAMERA
 
 EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
 SCENARIO = "misbuilt4"

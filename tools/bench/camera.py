@@ -28,8 +28,8 @@ from host.geometry import wrap
 from host.perception.jpeg_decoder import OpenCvDecoder
 from host.perception.lens import View
 from host.perception.red_strip import StripFinder
-from host.simulation.pictures import Look, frames
-from host.simulation.sightings import Sightings
+from host.simulation.pictures.render import Look, frames
+from host.simulation.pictures.sightings import Sightings
 
 CAMERA = Camera()
 EYE = CAMERA.front

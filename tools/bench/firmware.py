@@ -15,13 +15,13 @@ import time
 from pathlib import Path
 
 from host.config import RobotConfig
-from host.drivers.romeo_build import FLASH_BYTES, RAM_BYTES, Firmware, build_with_avr_gcc
-from host.drivers.romeo_framing import Decoder, encode
-from host.drivers.romeo_protocol import DisplacementFrame, HelloFrame, VelocityFrame
-from host.drivers.romeo_session import settings_for
+from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, VelocityFrame
+from host.drivers.romeo.session import settings_for
 from host.errors import UserError
-from host.simulation.motors import DrivenRobot
-from host.simulation.romeo_elf import CYCLES_PER_S, LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
+from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware, build_with_avr_gcc
+from host.simulation.devices.motors import DrivenRobot
+from host.simulation.devices.romeo_elf import CYCLES_PER_S, LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
 
 FLOOR_HZ = {2: 8_000, 4: 20_000}
 NAMES = {2: "2x, external interrupts, edges of A", 4: "4x, pin change, quadrature steps"}

@@ -13,7 +13,7 @@ import time
 import numpy as np
 from natnetsdk.NatNetClient import NatNetClient
 
-from host.drivers.natnet_protocol import Decoder, frame_of, frame_packet
+from host.drivers.natnet.protocol import Decoder, frame_of, frame_packet
 from host.messages import Bodies
 
 VERSION = (4, 1)

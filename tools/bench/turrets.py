@@ -21,15 +21,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from host.config import RobotConfig
-from host.drivers.x4_commands import SCAN
-from host.drivers.x4_protocol import Decoder
+from host.drivers.x4.commands import SCAN
+from host.drivers.x4.protocol import Decoder
 from host.geometry import Path, to_frame, wrap
 from host.messages import Displacement, FloatArray, Scan
 from host.perception import turrets
-from host.simulation.arena import STEP_S, Arena
-from host.simulation.scenarios import Scenario, parse
-from host.simulation.sensors import hidden
-from host.simulation.world import OBSERVER, Simulation
+from host.simulation.offline import OBSERVER, Simulation
+from host.simulation.world.arena import STEP_S, Arena
+from host.simulation.world.scenarios import Scenario, parse
+from host.simulation.world.sensors import hidden
 
 LIDAR = RobotConfig().lidar
 GAP_M = 0.06

@@ -25,8 +25,8 @@ import lds2d.drivers.ydlidar
 import numpy as np
 import PyLidar3
 
-from host.drivers.x4_packets import UNITS_PER_TURN, encode_turn
-from host.drivers.x4_protocol import Decoder
+from host.drivers.x4.packets import UNITS_PER_TURN, encode_turn
+from host.drivers.x4.protocol import Decoder
 
 CHUNK = 512
 FLOOR_PYLIDAR3 = 3.0

@@ -14,9 +14,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from host.drivers.arduino_core import BOARD, DEBIAN, ArduinoCore
-from host.drivers.romeo_build import require_avr_gcc
 from host.errors import UserError
+from host.flashing.arduino_core import BOARD, DEBIAN, ArduinoCore
+from host.flashing.build import require_avr_gcc
 
 PLATFORM = Path(__file__).with_name("atmelavr")
 BINARIES = Path("/usr/bin")

@@ -1,0 +1,284 @@
+"""Pixels of strips and true places of teammates → lenses, mountings and the cameras' delay.
+
+Whose strip a pixel is, and whether it is one at all, nobody tells: each is taken for the teammate
+that would be drawn nearest, within a bound that shrinks as the fit gets better. Both cameras are
+fitted at once, for they share one delay. What the pairs cannot tell is held near what was
+configured; the covariance knows of it.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from host.calibration.camera.model import (
+    LENS_NAMES,
+    NAMES,
+    Pairs,
+    draw,
+    equidistant,
+    errors,
+    eye_of,
+    row_of,
+    slopes,
+)
+from host.calibration.camera.pairs import EYES, LEAST_PAIRS, Reference, Strips
+from host.calibration.camera.search import likely_starts
+from host.config import Camera, Eye
+from host.messages import BoolArray, FloatArray
+from host.perception.lens import Lens
+
+# How far (std) a lens and its mounting may be from what is configured.
+_PRIOR = np.array([100.0, 60.0, 60.0, 0.15, 0.05, 0.5, 0.3, 0.2, 0.1, 0.1, 0.1])
+_PRIOR_DELAY_S = 0.5
+_SHIFT_S = 0.02  # over which velocities are taken
+
+_GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
+_ROUNDS = 2  # of weighing and solving at one gate
+_GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
+_FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
+_RAYLEIGH_MEDIAN = 1.1774  # of an error's length, in standard deviations of one coordinate
+_BLOCK_S = 2.0  # errors nearer in time are not independent
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """Both cameras as fitted.
+
+    values (23,): those named by NAMES for each of EYES, then the delay found (s). covariance
+    (23, 23). used (n,): pairs that the fit rests upon. noise: what errors are, in units of the
+    pairs' sigmas. errors (n, 2) px: drawn minus seen. eyes: what the values say. fitted (2,):
+    whether an eye had enough pairs; one that had not is as it was.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    pairs: Pairs
+    used: BoolArray
+    noise: float
+    errors: FloatArray
+    eyes: tuple[Eye, Eye]
+    fitted: tuple[bool, bool]
+
+    @property
+    def delay(self) -> float:
+        """What was found beyond the configured delay, s."""
+        return float(self.values[-1])
+
+
+class CameraProblem:
+    """Strips, a reference for them and what is configured: all that a fit needs.
+
+    lenses: eyes whose lens (focal length, centre, k1, k2) is known already, and held.
+    """
+
+    def __init__(
+        self, strips: Strips, reference: Reference, camera: Camera, lenses: Mapping[str, Eye]
+    ) -> None:
+        self.strips, self.camera, self._lenses = strips, camera, lenses
+        self._reference = reference
+        eyes = [lenses.get(name, equidistant(getattr(camera, name))) for name in EYES]
+        # Where it is mounted says the configuration alone.
+        mounted = [getattr(camera, name) for name in EYES]
+        rows = [
+            [getattr(lens if k < LENS_NAMES else mount, name) for k, name in enumerate(NAMES)]
+            for lens, mount in zip(eyes, mounted, strict=True)
+        ]
+        self._mean = np.array([*rows[0], *rows[1], 0.0])
+        self._spread = np.concatenate((_PRIOR, _PRIOR, [_PRIOR_DELAY_S]))
+        self._free = np.full(len(self._mean), True)
+        for number, name in enumerate(EYES):
+            if name in lenses:
+                self._free[len(NAMES) * number :][:LENS_NAMES] = False
+
+    def fit(self) -> CameraFit:
+        """Search, then refine from the two likeliest delays; the fit that explains more."""
+        lenses_known = tuple(name in self._lenses for name in EYES)
+        starts = likely_starts(self.strips, self._reference, self.camera, self._mean, lenses_known)
+        found = [self._refine(start, _GATES) for start in starts]
+        return min(found, key=lambda fit: self.cost(fit.values, fit.pairs))
+
+    def again(self, start: CameraFit, chosen: BoolArray) -> CameraFit | None:
+        """The fit of the `chosen` (n,) strips alone, from another's result; None: too few."""
+        strips = Strips(
+            self.strips.times[chosen], self.strips.eyes[chosen], self.strips.pixels[chosen]
+        )
+        part = CameraProblem(strips, self._reference, self.camera, self._lenses)
+        fit = part._refine(start.values, _GATES[-2:])
+        return fit if fit.fitted == start.fitted else None
+
+    def cost_at(self, fit: CameraFit, delay: float) -> float:
+        """The cost of another delay (s, beyond the configured one), all else fitted anew."""
+        values = fit.values.copy()
+        values[-1] = delay
+        free = self._known(fit.used)
+        free[-1] = False
+        pairs = self.pair(values)
+        for gate in (_GATES[0], _GATES[-1]):
+            values = self._solve(values, pairs, self._weights(values, pairs, gate), free, 2)
+        return self.cost(values, pairs)
+
+    def cost(self, values: FloatArray, pairs: Pairs) -> float:
+        """Mean over all strips of how badly they are explained, 0 to 1; unpaired ones count 1."""
+        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        explained = 1.0 / (1.0 + (off / _GATES[-1]) ** 2)
+        return float(np.mean(1.0 - np.where(pairs.paired, explained, 0.0)))
+
+    def pair(self, values: FloatArray) -> Pairs:
+        """Take each strip for the teammate that `values` draw nearest to it."""
+        times, delay = self.strips.times - values[-1], float(values[-1])
+        places = self._reference.positions(times)
+        count, width = places.shape[:2]
+        height = np.full((count, width, 1), self.camera.strip.height_m)
+        points = np.concatenate((places, height), axis=2)
+        off = np.full((count, width), math.inf)
+        for number in range(len(EYES)):
+            mine = self.strips.eyes == number
+            drawn = self._in_view(values, number, points[mine].reshape(-1, 3))
+            gap = drawn.reshape(-1, width, 2) - self.strips.pixels[mine][:, None]
+            miss = np.hypot(gap[..., 0], gap[..., 1])
+            off[mine] = np.where(np.isfinite(miss), miss, math.inf)
+        every = np.arange(count)
+        nearest = np.argmin(off, axis=1) if width else np.zeros(count, dtype=int)
+        paired = off[every, nearest] < math.inf if width else np.zeros(count, dtype=bool)
+        ahead = self._reference.positions(times, _SHIFT_S)
+        behind = self._reference.positions(times, -_SHIFT_S)
+        speed = np.zeros((count, 3))
+        chosen = np.zeros((count, 3))
+        if width:
+            speed[:, :2] = ((ahead - behind) / (2.0 * _SHIFT_S))[every, nearest]
+            chosen = points[every, nearest]
+        paired &= np.isfinite(speed).all(axis=1)
+        speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
+        return Pairs(self.strips, chosen, speed, self._sigmas(values, chosen), paired, delay)
+
+    def _in_view(self, values: FloatArray, number: int, points: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3); nan for what one eye cannot show."""
+        eye = eye_of(values, number, self.camera)
+        pixels, angles = draw(row_of(values, number), points)
+        x, y = pixels.T
+        shown = (angles < min(_FARTHEST_RAD, Lens(eye).limit_rad)) & (x > -_MARGIN_PX)
+        shown &= (x < eye.width_px + _MARGIN_PX) & (y > -_MARGIN_PX)
+        shown &= y < eye.height_px + _MARGIN_PX
+        return np.asarray(np.where(shown[:, None], pixels, math.nan))
+
+    def _sigmas(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        rows = values[:-1].reshape(len(EYES), -1)[self.strips.eyes]
+        distance = np.linalg.norm(points - rows[:, 8:11], axis=1)
+        return np.asarray(
+            np.hypot(1.0, rows[:, 0] * self._reference.noise_m / np.maximum(distance, 0.1))
+        )
+
+    def _refine(self, values: FloatArray, gates: tuple[float, ...]) -> CameraFit:
+        free, values = self._free, values.copy()  # an eye's values may be put back, below
+        for gate in gates:
+            for _ in range(_ROUNDS):
+                pairs = self.pair(values)
+                free = self._known(pairs.paired)
+                values = self._solve(values, pairs, self._weights(values, pairs, gate), free, 4)
+        noise = gates[-1] / _GATE_SIGMAS
+        used = np.zeros(0, dtype=bool)
+        for _ in range(3 * _ROUNDS):
+            pairs = self.pair(values)
+            off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+            used = pairs.paired & (off < _GATE_SIGMAS * noise)
+            free = self._known(used)
+            values = self._solve(values, pairs, used / noise, free, 4)
+            noise = self._noise(values, pairs, used, free) if used.any() else noise
+        # What an eye without pairs enough went through on the way is worth nothing.
+        fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(EYES))]
+        for number, enough in enumerate(fitted):
+            if not enough:
+                row_of(values, number)[:] = row_of(self._mean, number)
+        used &= np.array(fitted)[self.strips.eyes]
+        return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
+
+    def _known(self, paired: BoolArray) -> BoolArray:
+        """Which values to fit: those of eyes with pairs enough."""
+        free = self._free.copy()
+        for number in range(len(EYES)):
+            if np.count_nonzero(paired & (self.strips.eyes == number)) < LEAST_PAIRS:
+                free[len(NAMES) * number :][: len(NAMES)] = False
+        return free
+
+    def _weights(self, values: FloatArray, pairs: Pairs, gate: float) -> FloatArray:
+        """Square roots (n,) of the pairs' weights: Cauchy's, and none beyond the gate."""
+        soft = gate / _GATE_SIGMAS
+        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        inside = pairs.paired & (off < gate)
+        return np.where(inside, 1.0 / np.sqrt(1.0 + (off / soft) ** 2), 0.0) / soft
+
+    def _noise(self, values: FloatArray, pairs: Pairs, used: BoolArray, free: BoolArray) -> float:
+        off = np.hypot(*errors(values, pairs)[used].T) / pairs.sigmas[used]
+        # Each value fitted takes a little of the noise with it.
+        left = max(2.0 * len(off) - np.count_nonzero(free), 0.5 * len(off)) / (2.0 * len(off))
+        robust = float(np.median(off)) / _RAYLEIGH_MEDIAN
+        return max(robust / math.sqrt(left), _LEAST_NOISE)
+
+    def _solve(
+        self, start: FloatArray, pairs: Pairs, weights: FloatArray, free: BoolArray, steps: int
+    ) -> FloatArray:
+        """Values that draw the pairs where they were seen; weights (n,): roots of theirs."""
+        chosen = weights > 0.0
+        scale = np.repeat((weights / pairs.sigmas)[chosen], 2)
+        prior = np.diag(1.0 / self._spread)[free][:, free]
+
+        def whole(part: FloatArray) -> FloatArray:
+            values = start.copy()
+            values[free] = part
+            return values
+
+        def misses(part: FloatArray) -> FloatArray:
+            values = whole(part)
+            drawn = errors(values, pairs)[chosen].ravel() * scale
+            return np.concatenate((drawn, ((values - self._mean) / self._spread)[free]))
+
+        def jacobian(part: FloatArray) -> FloatArray:
+            rows = slopes(whole(part), pairs)[chosen].reshape(len(scale), -1)
+            return np.concatenate((rows[:, free] * scale[:, None], prior))
+
+        if not free.any() or not chosen.any():
+            return start
+        found = least_squares(misses, start[free], jac=jacobian, x_scale="jac", max_nfev=steps)
+        return whole(found.x)
+
+    def _result(
+        self,
+        values: FloatArray,
+        pairs: Pairs,
+        used: BoolArray,
+        noise: float,
+        free: BoolArray,
+        fitted: tuple[bool, bool],
+    ) -> CameraFit:
+        covariance = np.diag(np.where(self._free, self._spread, 0.0) ** 2)
+        miss = errors(values, pairs)
+        if used.any() and free.any():
+            scale = noise * pairs.sigmas[used]
+            rows = slopes(values, pairs)[used][:, :, free] / scale[:, None, None]
+            gains = np.einsum("nij,ni->nj", rows, miss[used] / scale[:, None])
+            prior = np.diag(self._spread[free] ** -2.0)
+            inverse = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + prior)
+            meat = _scatter(self.strips.times[used], gains, inverse)
+            covariance[np.ix_(free, free)] = inverse @ (meat + prior) @ inverse
+        first, second = (eye_of(values, number, self.camera) for number in range(len(EYES)))
+        return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
+
+
+def _scatter(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
+    """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
+
+    gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by
+    pair (White 1980), times the factor by which sums over blocks of time (Liang and Zeger 1986)
+    scatter more: a drive has not blocks enough to tell the latter for each value.
+    """
+    blocks = np.unique(np.floor((times - times[0]) / _BLOCK_S), return_inverse=True)[1]
+    sums = np.zeros((int(blocks.max()) + 1, gains.shape[1]))
+    np.add.at(sums, blocks, gains)
+    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * len(sums) / max(len(sums) - 1, 1)
+    alone = np.einsum("ni,ij,nj->", gains, inverse, gains)
+    factor = max(1.0, float(together) / max(float(alone), 1e-12))
+    count, fitted = 2 * len(gains), gains.shape[1]
+    return np.asarray(factor * count / max(count - fitted, 0.5 * count) * gains.T @ gains)

@@ -1,0 +1,106 @@
+"""Where cameras draw strips of known place, and how that changes with lens, mounting and delay."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.calibration.camera.pairs import EYES, Strips
+from host.config import Camera, Eye
+from host.messages import BoolArray, FloatArray
+from host.perception.lens import equidistant_radius, mounting_rotation
+
+NAMES = (
+    *("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"),
+    *("heading_rad", "tilt_rad", "roll_rad", "x_m", "y_m", "z_m"),
+)
+LENS_NAMES = 5  # the first so many are the lens, the others its mounting
+STEPS = np.array([1e-2, 1e-2, 1e-2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
+_DELAY_STEP_S = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Strips (n,) with the teammates they are taken for.
+
+    points (n, 3) m: the strips' true middles in the robot frame, for the delay `delay` (s), and
+    velocities (n, 3) m/s there. sigmas (n,) px: what noise of one pixel and that of the reference
+    make. paired (n,): False where no teammate was near. Rest as in `Strips`.
+    """
+
+    strips: Strips
+    points: FloatArray
+    velocities: FloatArray
+    sigmas: FloatArray
+    paired: BoolArray
+    delay: float
+
+    def at(self, delay: float) -> FloatArray:
+        """The points (n, 3) for a slightly different delay (s)."""
+        return self.points - (delay - self.delay) * self.velocities
+
+
+def equidistant(eye: Eye) -> Eye:
+    """An eye whose lens is "equidistant", and draws 90 deg off the axis where the given one does.
+
+    The fit knows no other lens.
+    """
+    if eye.lens == "equidistant":
+        return eye
+    focal = eye.focal_px / (0.5 * math.pi)
+    return eye.model_copy(update={"lens": "equidistant", "focal_px": focal, "k1": 0.0, "k2": 0.0})
+
+
+def row_of(values: FloatArray, number: int) -> FloatArray:
+    """One eye's values (11,) of those of a fit (23,)."""
+    return values[len(NAMES) * number :][: len(NAMES)]
+
+
+def eye_of(values: FloatArray, number: int, camera: Camera) -> Eye:
+    """An eye as the values (23,) of a fit have it; what these do not hold is as in `camera`."""
+    configured: Eye = getattr(camera, EYES[number])
+    row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
+    # A fit may go round past the rear.
+    row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)
+    return configured.model_copy(update={"lens": "equidistant", **row})
+
+
+def draw(values: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n, 2) of points (n, 3) m by one eye's values (11,); angles (n,) rad off its axis.
+
+    As `lens.View` does, but for lenses that fold back too: a fit passes them on its way.
+    """
+    focal, k1, k2 = values[0], values[3], values[4]
+    rays = (points - values[8:11]) @ mounting_rotation(*values[5:8].tolist())
+    across = np.hypot(rays[:, 0], rays[:, 1])
+    angles = np.arctan2(across, rays[:, 2])
+    radii = focal * equidistant_radius(angles, float(k1), float(k2))
+    return values[1:3] + (radii / np.maximum(across, 1e-12))[:, None] * rays[:, :2], angles
+
+
+def errors(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """Drawn minus seen, (n, 2) px."""
+    points = pairs.at(float(values[-1]))
+    missed = np.empty_like(pairs.strips.pixels)
+    for number in range(len(EYES)):
+        mine = pairs.strips.eyes == number
+        missed[mine] = draw(row_of(values, number), points[mine])[0] - pairs.strips.pixels[mine]
+    return missed
+
+
+def slopes(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """Derivatives (n, 2, 23) of the errors.
+
+    An eye's values move its own strips alone, so one step serves those of both.
+    """
+    found = np.zeros((len(pairs.paired), 2, len(values)))
+    here = errors(values, pairs)
+    every = np.arange(len(here))
+    for k, step in enumerate(STEPS):
+        moved = values.copy()
+        moved[k : -1 : len(NAMES)] += step
+        found[every, :, k + len(NAMES) * pairs.strips.eyes] = (errors(moved, pairs) - here) / step
+    moved = values.copy()
+    moved[-1] += _DELAY_STEP_S
+    found[:, :, -1] = (errors(moved, pairs) - here) / _DELAY_STEP_S
+    return found

@@ -1,0 +1,133 @@
+"""What there is to see of a calibration of the cameras."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from host.calibration.camera.bearing_errors import SECTOR_DEG, Sector, bearing_errors, bearings_of
+from host.calibration.camera.fit import CameraFit
+from host.calibration.camera.model import equidistant
+from host.calibration.camera.pairs import EYES
+from host.calibration.gathered import Gathered
+from host.calibration.result import Picture, Series
+from host.calibration.robust.time_offset import DelayCurve
+from host.messages import BoolArray, FloatArray
+
+_MOST_POINTS = 800
+_BEARING = "bearing in the robot frame, deg (left is positive)"
+
+
+def pictures(
+    gathered: Gathered, fit: CameraFit, table: Mapping[int, list[Sector]], curve: DelayCurve
+) -> tuple[Picture, ...]:
+    """Coverage, what is left of the errors, the delay's curve, and before and after."""
+    bearings = np.degrees(bearings_of(fit))
+    points = fit.pairs.at(fit.delay)
+    ranges = np.hypot(points[:, 0], points[:, 1])
+    after, before = _errors_deg(gathered, fit)
+    shown = fit.used & np.isfinite(after)
+    return (
+        *(_in_picture(fit, number) for number in table),
+        Picture(
+            title="Where teammates were",
+            x_label=_BEARING,
+            y_label="range, m",
+            series=_by_eye(fit, shown, bearings, ranges),
+            caption="Views should be all around, near and far.",
+        ),
+        Picture(
+            title="How well bearings are known",
+            x_label=_BEARING,
+            y_label="sigma, deg",
+            series=tuple(
+                Series(
+                    x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
+                    y=np.array([math.degrees(s.sigma_rad) for s in found]),
+                    label=f"{EYES[number]} camera",
+                    style="bars",
+                )
+                for number, found in table.items()
+            ),
+            caption="Predicted for each sector, with or without views in it.",
+        ),
+        Picture(
+            title="Errors of bearings by bearing",
+            x_label=_BEARING,
+            y_label="error, deg",
+            series=_by_eye(fit, shown, bearings, after),
+            caption="Good is a band about 0; waves mean a lens that the model does not know.",
+        ),
+        Picture(
+            title="Errors of bearings by range",
+            x_label="range, m",
+            y_label="error, deg",
+            series=_by_eye(fit, shown, ranges, after),
+            caption="Good is a band about 0 at any range.",
+        ),
+        Picture(
+            title="The delay",
+            x_label="delay, ms",
+            y_label="share of strips not explained",
+            series=(
+                Series(
+                    x=1000.0 * (gathered.config.camera.delay_s + curve.delays),
+                    y=curve.costs,
+                    style="line",
+                ),
+            ),
+            caption="Good is one narrow valley; a flat one tells no delay.",
+        ),
+        Picture(
+            title="Before and after",
+            x_label=_BEARING,
+            y_label="error, deg",
+            series=(
+                _points("as configured", bearings, before, shown & np.isfinite(before)),
+                _points("as fitted", bearings, after, shown),
+            ),
+        ),
+    )
+
+
+def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatArray]:
+    """Errors (n,) deg of all pairs' bearings as fitted, and as they were configured."""
+    strips = fit.pairs.strips
+    after, before = np.full(len(fit.used), math.nan), np.full(len(fit.used), math.nan)
+    for number, eye in enumerate(fit.eyes):
+        mine = strips.eyes == number
+        old = equidistant(getattr(gathered.config.camera, EYES[number]))
+        after[mine] = bearing_errors(eye, fit.pairs.at(fit.delay)[mine], strips.pixels[mine])
+        before[mine] = bearing_errors(old, fit.pairs.at(0.0)[mine], strips.pixels[mine])
+    return np.degrees(after), np.degrees(before)
+
+
+def _in_picture(fit: CameraFit, number: int) -> Picture:
+    mine = fit.pairs.strips.eyes == number
+    x, y = fit.pairs.strips.pixels.T
+    up = fit.eyes[number].height_px - y
+    return Picture(
+        title=f"Strips in the picture of the {EYES[number]} camera",
+        x_label="x, px",
+        y_label="above the lower border, px",
+        series=(
+            _points("used", x, up, mine & fit.used),
+            _points("not where a teammate was", x, up, mine & ~fit.used),
+        ),
+        equal=True,
+    )
+
+
+def _by_eye(fit: CameraFit, shown: BoolArray, x: FloatArray, y: FloatArray) -> tuple[Series, ...]:
+    eyes = fit.pairs.strips.eyes
+    return tuple(
+        _points(f"{name} camera", x, y, shown & (eyes == number))
+        for number, name in enumerate(EYES)
+        if fit.fitted[number]
+    )
+
+
+def _points(label: str, x: FloatArray, y: FloatArray, chosen: BoolArray) -> Series:
+    places = np.flatnonzero(chosen)
+    places = places[:: max(1, -(-len(places) // _MOST_POINTS))]
+    return Series(x=x[places], y=y[places], label=label)

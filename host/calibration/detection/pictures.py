@@ -1,0 +1,144 @@
+"""What to draw of a calibration of detection."""
+
+import math
+
+import numpy as np
+
+from host.calibration.detection.blind_sectors import Sector
+from host.calibration.detection.camera_views import CameraSurvey
+from host.calibration.detection.clutter import Clutter
+from host.calibration.detection.lidar_views import LidarSurvey
+from host.calibration.detection.range_curve import RangeCurve, Views
+from host.calibration.result import Picture, Series
+from host.messages import BoolArray, FloatArray
+
+_BIN_M, _BIN_RAD = 0.25, math.radians(5.0)
+_MOST_POINTS = 2000
+_BLIND_M = 2.0  # detection by bearing is told of views nearer than this
+_NEAREST_BIN_VIEWS = 5
+
+
+def lidar_pictures(
+    survey: LidarSurvey,
+    clear: BoolArray,
+    curve: RangeCurve,
+    sectors: list[Sector],
+    clutter: Clutter,
+) -> list[Picture]:
+    """Detection by range and by bearing, what is off, and clutter; clear (n,): not blind."""
+    views = survey.views
+    seen = clear & views.seen
+    along, across = 1e3 * survey.offsets[seen].T
+    x, y = survey.robots[:, :2].T
+    return [
+        _by_range("lidar", views.part(clear), curve),
+        _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
+        Picture(
+            title="What the lidar's readings are off",
+            x_label="range, m",
+            y_label="reading minus truth, mm",
+            series=(
+                _points(views.distances[seen], along, "along the line of sight"),
+                _points(views.distances[seen], across, "across"),
+            ),
+            caption="Readings that lie evenly about zero: mounting and delay are right.",
+        ),
+        Picture(
+            title="False candidates on the floor",
+            x_label="x, m",
+            y_label="y, m",
+            series=(
+                Series(x=x, y=y, label="the robot's path", style="line"),
+                _points(clutter.places[:, 0], clutter.places[:, 1], "clutter"),
+                _points(
+                    clutter.standing[:, 0],
+                    clutter.standing[:, 1],
+                    "things that stand there all the time",
+                ),
+            ),
+            caption="What stands there all the time is kept as an obstacle and is no clutter.",
+            equal=True,
+        ),
+    ]
+
+
+def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[Picture]:
+    """Detection by range and by bearing, what bearings are off, and false ones."""
+    views = survey.views
+    seen = views.seen
+    errors = np.degrees(survey.errors[seen])
+    start = survey.times.min()
+    return [
+        _by_range("cameras", views, curve),
+        _by_bearing("cameras", views.part(views.distances < _BLIND_M), []),
+        Picture(
+            title="What the cameras' bearings are off",
+            x_label="bearing, deg",
+            y_label="bearing minus truth, deg",
+            series=(_points(np.degrees(views.bearings[seen]), errors),),
+            caption="A wave about zero is a lens or a mounting that is not right yet.",
+        ),
+        Picture(
+            title="False bearings",
+            x_label="time, s",
+            y_label="bearing, deg",
+            series=(_points(survey.places[:, 0] - start, np.degrees(survey.places[:, 1])),),
+            caption="A row at one bearing is something red that the robot carries; one at 90 deg "
+            "to either side is the seam between the two cameras.",
+        ),
+    ]
+
+
+def _points(x: FloatArray, y: FloatArray, label: str = "") -> Series:
+    step = max(1, math.ceil(len(x) / _MOST_POINTS))
+    return Series(x=x[::step], y=y[::step], label=label)
+
+
+def _shares(
+    values: FloatArray, seen: BoolArray, edges: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Middles of the bins that hold some values, and the shares seen in them."""
+    total, _ = np.histogram(values, edges)
+    hits, _ = np.histogram(values[seen], edges)
+    some = total >= _NEAREST_BIN_VIEWS
+    return (0.5 * (edges[1:] + edges[:-1]))[some], hits[some] / total[some]
+
+
+def _by_range(sensor: str, views: Views, curve: RangeCurve) -> Picture:
+    end = float(views.distances.max()) + _BIN_M
+    middles, shares = _shares(views.distances, views.seen, np.arange(0.0, end, _BIN_M))
+    line = np.linspace(0.0, end, 100)
+    return Picture(
+        title=f"Detection by range, {sensor}",
+        x_label="range, m",
+        y_label="share of views",
+        series=(
+            Series(x=middles, y=shares, label="detected", style="bars"),
+            Series(x=line, y=curve.at(line), label="fitted curve", style="line"),
+        ),
+        caption="Bars follow the curve as far as the data reach.",
+    )
+
+
+def _by_bearing(sensor: str, views: Views, sectors: list[Sector]) -> Picture:
+    edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
+    middles, shares = _shares(views.bearings, views.seen, edges)
+    line = np.radians(np.arange(-180.0, 180.0, 0.25))
+    blind = np.zeros(len(line), dtype=bool)
+    for each in sectors:
+        blind |= each.within(line, 0.0)
+    series = [Series(x=np.degrees(middles), y=shares, label="detected", style="bars")]
+    if sectors:
+        open_share = np.where(blind, 0.0, 1.0)
+        series.append(
+            Series(x=np.degrees(line), y=open_share, label="blind sectors: 0", style="line")
+        )
+    return Picture(
+        title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
+        x_label="bearing, deg",
+        y_label="share of views",
+        series=tuple(series),
+        caption="Gaps are where the robot's own pillars hide teammates."
+        if sectors
+        else "About the same all around.",
+    )

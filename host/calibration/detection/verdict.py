@@ -1,0 +1,204 @@
+"""Is there enough to tell detection from, and what is still missing while the robot drives?"""
+
+import math
+
+import numpy as np
+
+from host.calibration.detection.camera_views import CameraSurvey
+from host.calibration.detection.lidar_views import LidarSurvey
+from host.calibration.detection.range_curve import RangeCurve, Views
+from host.calibration.gathered import Gathered, Tracks
+from host.calibration.result import Check
+from host.config import Camera, Lidar
+from host.errors import UserError
+from host.geometry import wrap
+from host.messages import BoolArray, FloatArray
+
+_LEAST_TURNS, _LEAST_PICTURES, _LEAST_VIEWS = 300, 300, 200
+_NEAR_M, _FAR_M, _LEAST_SIDE_VIEWS = 1.0, 1.5, 30
+_DIRECTIONS, _LEAST_A_DIRECTION = 12, 3
+_LEAST_HEADINGS = 9
+_BESIDE_M, _BESIDE_SHARE = 0.06, 1.5  # candidates further from the truth: a wrong mounting
+_NOWHERE_M = 0.5  # where candidates are not looked for any more
+_MEAN_ERROR_RAD, _MEAN_SHARE = math.radians(1.0), 0.5
+_LEAST_FREE_RAD = 200.0  # over all pictures; one turn of 6.3 rad a picture where nobody is
+_ADVICE_FRAMES = 300
+_WANTED_S = 60.0
+_MISSING_NAMED = 3
+
+
+def lidar_checks(
+    survey: LidarSurvey, clear: BoolArray, curve: RangeCurve, lidar: Lidar
+) -> list[Check]:
+    """Conditions on what the lidar saw; clear (n,): the views outside of its blind sectors."""
+    off = np.hypot(*survey.offsets[clear].T)
+    off = off[np.isfinite(off)]
+    beside = float(np.median(off)) if len(off) else _NOWHERE_M
+    headings = directions(survey.robots[:, 2])
+    return [
+        _at_least("turns of the lidar", len(survey.times), _LEAST_TURNS, "", "drive on for longer"),
+        _at_least(
+            "directions the robot turned to",
+            headings,
+            _LEAST_HEADINGS,
+            "",
+            "turn the robot all around: a dark wall and a pillar look alike until it does",
+        ),
+        Check(
+            name="candidates beside the truth",
+            value=1e3 * beside,
+            threshold=1e3 * _BESIDE_M,
+            unit="mm",
+            passed=beside <= _BESIDE_M,
+            advice="most turrets are found beside where motion capture has the teammates: run "
+            "`swarmloc calibrate lidar` first",
+        ),
+        *_view_checks("lidar", survey.views.part(clear)),
+        _kept_half_range("lidar", curve, lidar.half_range_m),
+    ]
+
+
+def camera_checks(
+    survey: CameraSurvey, curve: RangeCurve, camera: Camera, mean: float
+) -> list[Check]:
+    """Conditions on what the cameras saw; mean (rad): the mean error of their bearings."""
+    spread = survey.gate / 3.0
+    most = max(_MEAN_ERROR_RAD, _MEAN_SHARE * spread)
+    return [
+        _at_least("pictures", len(survey.times), _LEAST_PICTURES, "", "drive on for longer"),
+        Check(
+            name="mean error of the bearings",
+            value=math.degrees(abs(mean)),
+            threshold=math.degrees(most),
+            unit="deg",
+            passed=abs(mean) <= most,
+            advice="the cameras see teammates beside where they are: run `swarmloc calibrate "
+            "camera` first",
+        ),
+        *_view_checks("camera", survey.views),
+        _at_least(
+            "view free of teammates",
+            float(survey.free.sum()),
+            _LEAST_FREE_RAD,
+            "rad",
+            "false blobs are told apart only away from teammates: use fewer of them, or drive on",
+        ),
+        _kept_half_range("camera", curve, camera.half_range_m),
+    ]
+
+
+def _at_least(name: str, value: float, threshold: float, unit: str, advice: str) -> Check:
+    return Check(
+        name=name,
+        value=float(value),
+        threshold=float(threshold),
+        unit=unit,
+        passed=bool(value >= threshold),
+        advice=advice,
+    )
+
+
+def _view_checks(sensor: str, views: Views) -> list[Check]:
+    near, far = views.distances < _NEAR_M, views.distances > _FAR_M
+    return [
+        _at_least(
+            f"{sensor}: views of teammates",
+            len(views),
+            _LEAST_VIEWS,
+            "",
+            "keep teammates in plain view, apart from each other, and drive on for longer",
+        ),
+        _at_least(
+            f"{sensor}: views nearer than {_NEAR_M:g} m",
+            int(near.sum()),
+            _LEAST_SIDE_VIEWS,
+            "",
+            "drive close to teammates",
+        ),
+        _at_least(
+            f"{sensor}: views beyond {_FAR_M:g} m",
+            int(far.sum()),
+            _LEAST_SIDE_VIEWS,
+            "",
+            "drive further away from teammates",
+        ),
+        _at_least(
+            f"{sensor}: directions with views of teammates",
+            directions(views.bearings),
+            _DIRECTIONS - 1,
+            "",
+            "drive so that teammates are seen on all sides of the robot",
+        ),
+    ]
+
+
+def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> Check:
+    return Check(
+        name=f"{sensor}: half-range",
+        value=configured_m,
+        threshold=curve.reach_m,
+        unit="m",
+        passed=curve.reached or configured_m > curve.reach_m,
+        advice=f"teammates are still detected at {curve.reach_m:.1f} m, beyond the configured "
+        "half-range: drive further away from them",
+    )
+
+
+def directions(bearings: FloatArray) -> int:
+    """In how many of 12 directions there are a few of the bearings (n,) rad."""
+    return int(np.sum(_by_direction(bearings) >= _LEAST_A_DIRECTION))
+
+
+def _by_direction(bearings: FloatArray) -> FloatArray:
+    known = wrap(bearings[np.isfinite(bearings)])
+    edges = np.linspace(-math.pi, math.pi, _DIRECTIONS + 1)
+    return np.histogram(known, edges)[0].astype(float)
+
+
+def advice(gathered: Gathered) -> list[str]:
+    """What is still missing while the robot drives, in words; empty when there is enough."""
+    if not gathered.bodies:
+        return ["no motion capture yet"]
+    if not gathered.scans and not gathered.bearings:
+        return ["neither scans nor pictures yet"]
+    try:
+        times, tracks = _sampled(gathered)
+    except UserError:
+        return [f"motion capture does not see body {gathered.config.mocap.body}, this robot"]
+    if not len(tracks.identities):
+        return ["motion capture sees no teammate"]
+    seen = np.concatenate([tracks.relative(k, times) for k in tracks.identities.tolist()])
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    distances, bearings = np.hypot(*seen.T), np.arctan2(*seen.T[::-1])
+    length = gathered.bodies[-1].time - gathered.bodies[0].time
+    found = []
+    if length < _WANTED_S - 1.0:
+        found.append(f"drive for {_WANTED_S:.0f} s: {length:.0f} s so far")
+    nearest, farthest = float(distances.min(initial=99.0)), float(distances.max(initial=0.0))
+    if (distances < _NEAR_M).sum() < _LEAST_A_DIRECTION:
+        found.append(f"drive nearer to teammates than {_NEAR_M:g} m: {nearest:.1f} m so far")
+    if (distances > _FAR_M).sum() < _LEAST_A_DIRECTION:
+        found.append(f"drive further from teammates than {_FAR_M:g} m: {farthest:.1f} m so far")
+    headings = directions(tracks.own(times)[:, 2])
+    if gathered.scans and headings < _LEAST_HEADINGS:
+        found.append(f"turn all around: {headings} of {_DIRECTIONS} directions so far")
+    return found + _sides(bearings)
+
+
+def _sampled(gathered: Gathered) -> tuple[FloatArray, Tracks]:
+    """Paths of a few moments of the whole drive, each between two frames that follow each other."""
+    frames = gathered.bodies
+    step = max(len(frames) // _ADVICE_FRAMES, 2)
+    pairs = [frames[k : k + 2] for k in range(0, len(frames) - 1, step)] or [frames]
+    times = np.array([0.5 * (pair[0].time + pair[-1].time) for pair in pairs])
+    return times, Tracks([frame for pair in pairs for frame in pair], gathered.config.mocap)
+
+
+def _sides(bearings: FloatArray) -> list[str]:
+    empty = np.flatnonzero(_by_direction(bearings) < _LEAST_A_DIRECTION)
+    if len(empty) <= 1:
+        return []
+    middles = -180.0 + (empty + 0.5) * (360.0 / _DIRECTIONS)
+    named = ", ".join(f"{middle:+.0f}" for middle in middles[:_MISSING_NAMED])
+    more = ", ..." if len(empty) > _MISSING_NAMED else ""
+    return [f"no teammate was yet at bearings of {named}{more} deg"]

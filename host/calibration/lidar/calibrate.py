@@ -1,0 +1,267 @@
+"""Where the lidar sits on the robot, how it is turned and how late it is, from teammates it saw.
+
+Motion capture tells where each teammate was in the robot frame; the lidar tells of turrets, some
+of them teammates, in its own frame. The best mounting is searched at each of many delays; at the
+best of these, mounting and delay are fitted together.
+"""
+
+import math
+
+import numpy as np
+
+from host.calibration.gathered import Gathered, Tracks
+from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
+from host.calibration.lidar.verdict import (
+    Outcome,
+    checks,
+    missing_bearings,
+    missing_pairs,
+    missing_ranges,
+    pictures,
+)
+from host.calibration.result import Calibration, Fitted
+from host.calibration.robust.time_offset import (
+    CORRELATED_S,
+    DelayCurve,
+    JointFit,
+    fit_jointly,
+    scan,
+)
+from host.errors import UserError
+from host.geometry import to_parent, wrap
+from host.messages import Bodies, FloatArray, IntArray
+
+_DELAYS_S, _DELAY_STEP_S = (-0.5, 1.0), 0.02  # of what robot.toml may have
+_SCANNED = 500  # turrets that tell the cost at a delay
+_REPAIRED = 3
+_RISE_SIGMAS = 3.0
+_DEG = math.degrees(1.0)
+_THINNED_S = 0.05  # motion capture is fast; for advice this will do
+_LEAST_TURN = math.pi
+# Std of what repeating does not tell: where within a step of 1/64 deg the lidar's angles begin;
+# when in the time of a byte it is stamped.
+_ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 5e-5
+# Of each row: place among the fitted values, key, name, unit, scale, limit and what is not seen.
+_ROWS = (
+    (2, "lidar.heading_rad", "heading of the lidar", "deg", _DEG, math.radians(0.1), _ANGLE_STEP),
+    (0, "lidar.x_m", "x of the lidar", "mm", 1e3, 0.003, 0.0),
+    (1, "lidar.y_m", "y of the lidar", "mm", 1e3, 0.003, 0.0),
+    (3, "lidar.delay_s", "delay of the lidar", "ms", 1e3, 0.005, _BYTE_S),
+    (4, "", "turrets measured too far by", "mm", 1e3, None, 0.0),
+)
+
+
+def calibrate(gathered: Gathered) -> Calibration:
+    """Fit lidar.heading_rad, x_m, y_m and delay_s to the teammates that motion capture saw.
+
+    Raises UserError where there is nothing to fit: no turns of the lidar, no motion capture of
+    this robot and a teammate, or no mounting that brings turrets onto teammates.
+    """
+    tracks = gathered.tracks()
+    if not len(tracks.identities):
+        raise UserError(
+            "motion capture saw no teammate",
+            f"of all bodies it saw {gathered.config.mocap.body} alone, which is this robot",
+            "put a teammate with a body of its own on the floor",
+        )
+    seen = find_turrets(gathered.scans, gathered.config.lidar)
+    some = seen.some(_SCANNED)
+    configured = gathered.config.lidar.delay_s
+    curve = scan(
+        lambda delay: fit_at(delay, some, tracks)[1],
+        _DELAYS_S[0] - configured,
+        _DELAYS_S[1] - configured,
+        _DELAY_STEP_S,
+    )
+    pose, cost = fit_at(curve.best, some, tracks)
+    if cost >= NEAR_M**2:
+        raise UserError(
+            "no mounting of the lidar brings what it saw onto the teammates",
+            "at no delay and no turn do turrets lie where motion capture has teammates",
+            "see that motion capture streams at the same time, and that [mocap] body is this robot",
+        )
+    joint, who = _fit_pairs(seen, tracks, np.array([*pose, curve.best, 0.0]))
+    halves = _halves(seen, tracks, joint.values, who)
+    return _calibration(gathered, tracks, seen, curve, joint, who, halves)
+
+
+def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
+    """The joint fit, and who each candidate is (n,): a teammate's identity, or -1."""
+    for _ in range(_REPAIRED):
+        truths = truths_at(tracks, seen.times - values[3])
+        index, distance = nearest(to_parent(seen.points, values[:3]), truths)
+        who = np.where(distance < NEAR_M, tracks.identities[index], -1)
+        joint = _fit(seen, tracks, values, who)
+        values = joint.values
+    return joint, who
+
+
+def _fit(seen: Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> JointFit:
+    """The joint fit of candidates (n,) that are the teammates `who` (n,); -1 has no truth."""
+    members = {int(n): np.flatnonzero(who == n) for n in tracks.identities}
+
+    def truth(times: FloatArray) -> FloatArray:
+        found = np.full((len(times), 2), math.nan)
+        for identity, member in members.items():
+            found[member] = tracks.relative(identity, times[member])
+        return found
+
+    return fit_jointly(seen.points, seen.times, seen.sigmas, truth, start)
+
+
+def _halves(
+    seen: Turrets, tracks: Tracks, values: FloatArray, who: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """The fit (5,) of either half of the data in time; nan where a half has too little."""
+    middle = float(np.median(seen.times[who >= 0]))
+    found = []
+    for chosen in (seen.times < middle, seen.times >= middle):
+        try:
+            found.append(_fit(seen, tracks, values, np.where(chosen, who, -1)).values)
+        except UserError:
+            found.append(np.full(5, math.nan))
+    return found[0], found[1]
+
+
+def _calibration(
+    gathered: Gathered,
+    tracks: Tracks,
+    seen: Turrets,
+    curve: DelayCurve,
+    joint: JointFit,
+    who: IntArray,
+    halves: tuple[FloatArray, FloatArray],
+) -> Calibration:
+    lidar = gathered.config.lidar
+    configured = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad, lidar.delay_s, 0.0])
+    outcome = _outcome(configured, tracks, seen, curve, joint, who)
+    later = np.array([0.0, 0.0, 0.0, lidar.delay_s, 0.0])  # already off the times of the messages
+    covariance = _honest(joint.covariance, outcome)
+    rows = _rows(configured, joint.values + later, covariance, [h + later for h in halves])
+    used = int(np.count_nonzero(outcome.used))
+    return Calibration(
+        kind="lidar",
+        fitted=rows,
+        checks=checks(outcome),
+        residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
+        f"{100.0 * outcome.share:.0f} % of all turrets seen",
+        pictures=pictures(outcome),
+        figures={
+            "rms_m": outcome.rms,
+            "used": used,
+            "candidates": outcome.candidates,
+            "plausible_delays_s": [float(delay) for delay in outcome.plausible],
+        },
+    )
+
+
+def _outcome(
+    configured: FloatArray,
+    tracks: Tracks,
+    seen: Turrets,
+    curve: DelayCurve,
+    joint: JointFit,
+    who: IntArray,
+) -> Outcome:
+    paired = (who >= 0) & np.isfinite(joint.errors).all(axis=1)
+    used = joint.weights > 0.0
+    placed = to_parent(seen.points, joint.values[:3])
+    # As configured, a reading belongs to another time, at which its teammate was elsewhere.
+    before = np.full_like(joint.errors, math.nan)
+    for identity in tracks.identities.tolist():
+        member = np.flatnonzero(who == identity)
+        then = tracks.relative(identity, seen.times[member])
+        before[member] = to_parent(seen.points[member], configured[:3]) - then
+    squares = float(np.mean(np.sum(joint.errors[used] ** 2, axis=1)))
+    # As if errors were alike for seconds: one independent sighting for each three seconds.
+    blocks = max((seen.times[-1] - seen.times[0]) / CORRELATED_S, 1.0)
+    plausible = curve.interval(_RISE_SIGMAS**2 * squares / blocks)
+    delayed = DelayCurve(curve.delays + configured[3], curve.costs)
+    return Outcome(
+        truths=(placed - joint.errors)[paired],
+        errors=joint.errors[paired],
+        before=before[paired],
+        used=used[paired],
+        origin=joint.values[:2],
+        candidates=len(seen.times),
+        curve=delayed,
+        plausible=(plausible[0] + configured[3], plausible[1] + configured[3]),
+    )
+
+
+def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
+    """The covariance (5, 5), as wide as the curve of the cost says where that is flat.
+
+    On a circle at constant speed the curvature at the least cost claims far too much.
+    """
+    if outcome.told_apart or not np.isfinite(covariance).all():
+        return covariance
+    low, high = outcome.plausible
+    return np.asarray(covariance * ((0.5 * (high - low)) ** 2 / covariance[3, 3]))
+
+
+def _rows(
+    configured: FloatArray, values: FloatArray, covariance: FloatArray, halves: list[FloatArray]
+) -> tuple[Fitted, ...]:
+    turn = values[2] - float(wrap(values[2]))
+    turned = np.array([0.0, 0.0, turn, 0.0, 0.0])
+    values, halves = values - turned, [half - turned for half in halves]
+    rows = []
+    for k, key, name, unit, scale, limit, unseen in _ROWS:
+        pair = (float(halves[0][k]), float(halves[1][k]))
+        rows.append(
+            Fitted(
+                key=key,
+                name=name,
+                value=float(values[k]),
+                sigma=math.hypot(math.sqrt(covariance[k, k]), unseen),
+                limit=limit,
+                before=float(configured[k]) if key else None,
+                halves=pair if all(map(math.isfinite, pair)) else None,
+                unit=unit,
+                scale=scale,
+            )
+        )
+    return tuple(rows)
+
+
+def advice(gathered: Gathered) -> list[str]:
+    """What is still missing for `calibrate`, by the paths alone; empty when enough."""
+    if not gathered.scans:
+        return ["no turn of the lidar yet"]
+    if not gathered.bodies:
+        return ["motion capture has seen nothing yet"]
+    each = slice(None, None, max(round(_THINNED_S * _rate(gathered.bodies)), 1))
+    try:
+        tracks = Tracks(gathered.bodies[each], gathered.config.mocap)
+    except UserError as error:
+        return [f"{error.what} ({error.why})"]
+    times = np.array([turn.time for turn in gathered.scans])
+    near = [tracks.relative(int(n), times) for n in tracks.identities]
+    places = np.concatenate([np.zeros((0, 2)), *near])
+    ranges = np.hypot(*places.T)
+    in_range = ranges <= gathered.config.lidar.max_range_m
+    places, ranges = places[in_range], ranges[in_range]
+    wanted = [
+        missing_pairs(len(places)),
+        missing_bearings(np.arctan2(places[:, 1], places[:, 0])),
+        missing_ranges(ranges),
+        *_missing_turns(tracks.own(times)[:, 2]),
+    ]
+    return [text for text in wanted if text]
+
+
+def _rate(bodies: list[Bodies]) -> float:
+    """Frames a second."""
+    return (len(bodies) - 1) / max(bodies[-1].time - bodies[0].time, 1e-9)
+
+
+def _missing_turns(headings: FloatArray) -> list[str]:
+    """Which way the robot has not turned enough, by its headings (k,) rad."""
+    steps = np.diff(headings[np.isfinite(headings)])
+    turned = {"left": steps[steps > 0.0].sum(), "right": np.abs(steps[steps < 0.0]).sum()}
+    return [
+        f"turn to the {way}: {math.degrees(angle):.0f} deg so far"
+        for way, angle in turned.items()
+        if angle < _LEAST_TURN
+    ]

@@ -1,0 +1,252 @@
+"""Wheel ticks and a true path → radii, track, lag, and how the tracked body sits on the robot.
+
+Odometry drifts, so it is compared over windows of two seconds: how the tracked body moved from the
+start of a window to its end, by the wheels and in truth. Longer windows mostly hold what slip has
+added up, shorter ones the timing of single readings. With the drift of the clocks fitted too,
+windows of 2 to 8 s gave the same geometry on recorded runs of a real robot; without it short ones
+took lateness for a wider track.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import least_squares, nnls
+
+from host.calibration.wheels.model import (
+    BODY,
+    GEOMETRY,
+    Drive,
+    Windows,
+    advance,
+    at,
+    misses,
+    motions,
+    path,
+    relative,
+    windows_of,
+)
+from host.messages import BoolArray, FloatArray
+
+WINDOW_S, STRIDE_S = 2.0, 0.25
+_REACH_S = 8.0  # errors so far apart have nothing to do with each other,
+_INDEPENDENT_S = 3.0  # and those so far apart little
+OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
+
+_STEPS = np.array([1e-3, 1e-3, 5e-3, 0.01, 0.01, 0.02])  # changes that count; the first three ...
+# How far values may be from what is configured: this holds only what the data do not tell.
+_PRIOR = np.array([0.1, 0.1, 0.2, 0.3, 0.3, 3.0])  # ... are relative, here too
+_LAG_STEP_S, _LAG_PRIOR_S = 0.02, 0.2
+_ROUGH = np.array([0.02, 0.02, 0.03])  # noise of a window before it is known: m, m, rad
+LEAST = np.array([5e-4, 5e-4, 1e-3])  # and what it is not below, by motion capture alone
+_SOFT, OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
+_LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1
+
+_Loss = Literal["linear", "soft_l1"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Values (v,) as in `wheels_model.values_of`, their covariance (v, v), and the rest.
+
+    counts: ticks per turn of a wheel. residuals (w, 3) of `windows` as in `misses`; used (w,).
+    """
+
+    counts: int
+    values: FloatArray
+    covariance: FloatArray
+    windows: Windows
+    residuals: FloatArray
+    used: BoolArray
+
+
+def moving(drives: Sequence[Drive], windows: Windows) -> BoolArray:
+    """In which windows (w,) the body truly moved."""
+    moved = motions(drives, windows)
+    ways = np.hypot(moved[:, 0], moved[:, 1]) + _RADIAN_M * np.abs(moved[:, 2])
+    return np.asarray(ways > _LEAST_MOVED_M)
+
+
+def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) -> FloatArray | None:
+    """Values in closed form, whatever the body's mounting; None where hardly anything moved.
+
+    The turn of the body is linear in the ways of both wheels; with the path that follows, the
+    body's way is linear in its mounting, turned and scaled. What the drive does not tell is as
+    `configured`. The radius of a wheel that counts backwards comes out negative.
+    """
+    windows = windows_of(drives, WINDOW_S, STRIDE_S)
+    windows = windows.where(moving(drives, windows))
+    if len(windows) < 4:
+        return None
+    x, y, turn = motions(drives, windows).T
+    metres = 2.0 * math.pi / counts * configured[:2] * (-1.0, 1.0)
+    ways = advance(drives, [drive.ticks * metres for drive in drives], windows)
+    usual = np.full(2, 1.0 / configured[2])
+    per_way = usual + _solve(ways, turn - ways @ usual, 0.05 / usual[0])
+    per_way = np.where(np.abs(per_way) < 1e-3 * usual, usual, per_way)
+    # Radii and track are known up to one common factor now.
+    shape = configured.copy()
+    shape[:2] *= per_way * configured[2]
+    c, s = 1.0 - np.cos(turn), np.sin(turn)
+    along = np.stack((x, -y, c, s), axis=1), np.stack((y, x, -s, c), axis=1)
+    by_wheels = np.zeros((len(windows), 3))
+    for number, drive in enumerate(drives):
+        own = windows.drives == number
+        poses = path(drive, counts, shape)
+        ends = [
+            at(drive, poses, np.zeros(2), drive.truth_times[index[own]])
+            for index in (windows.starts, windows.ends)
+        ]
+        by_wheels[own] = relative(*ends)
+    a, b, px, py = _solve(np.concatenate(along), by_wheels[:, :2].T.ravel(), 0.05)
+    scale = 1.0 / math.hypot(a, b)
+    shape[GEOMETRY] *= scale
+    shape[BODY] = scale * px, scale * py, math.atan2(b, a)
+    return shape
+
+
+def _solve(design: FloatArray, wanted: FloatArray, hold: float) -> FloatArray:
+    """Least squares (k,), held to zero a little, without the fifth that fits worst; thrice."""
+    chosen = np.full(len(wanted), True)
+    for _ in range(3):
+        rows = np.concatenate((design[chosen], hold * np.eye(design.shape[1])))
+        target = np.concatenate((wanted[chosen], np.zeros(design.shape[1])))
+        found = np.linalg.lstsq(rows, target, rcond=None)[0]
+        error = np.abs(design @ found - wanted)
+        chosen = error <= np.quantile(error, 0.8)
+    return np.asarray(found)
+
+
+def fit(
+    drives: Sequence[Drive], counts: int, start: FloatArray, configured: FloatArray
+) -> Fit | None:
+    """Fit from values (v,) near by. None where hardly any window holds motion.
+
+    First all windows, trusting far ones less; then without those that miss by more than 5
+    standard deviations (slip, a push, a body taken for another) least squares.
+    """
+    windows = windows_of(drives, WINDOW_S, STRIDE_S)
+    used = moving(drives, windows)
+    if np.count_nonzero(used) < 2:
+        return None
+    problem = _Problem(drives, counts, windows, configured)
+    moved = np.abs(motions(drives, windows))
+    exposure = np.stack((np.ones(len(windows)), np.hypot(*moved[:, :2].T), moved[:, 2]), axis=1)
+    values, sigmas = start, np.tile(_ROUGH, (len(windows), 1))
+    for _ in range(2):
+        values = problem.solve(values, sigmas, used, "soft_l1")
+        wrong = misses(drives, counts, values, windows)
+        sigmas = _spread(wrong, exposure, used)
+    used = used & (np.abs(wrong) <= OUTLIER * sigmas).all(axis=1)
+    values = problem.solve(values, sigmas, used, "linear")
+    wrong = misses(drives, counts, values, windows)
+    covariance = problem.covariance(values, wrong, sigmas, used)
+    return Fit(counts, values, covariance, windows, wrong, used)
+
+
+def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatArray:
+    """Standard deviation (w, 3) of what windows miss: its square grows with way and turn.
+
+    exposure (w, 3): one, way, turn. Robust: squares count up to 9 times what is expected of them.
+    """
+    sigmas = np.zeros_like(wrong)
+    for k, least in enumerate(LEAST):
+        squares = wrong[:, k] ** 2
+        variance = np.full(len(wrong), max(2.2 * np.median(squares[used]), least**2))
+        for _ in range(3):
+            expected = variance[used]
+            target = np.minimum(squares[used], 9.0 * expected) / expected
+            growth, _ = nnls(exposure[used] / expected[:, None], target)
+            variance = np.maximum(exposure @ growth, least**2)
+        sigmas[:, k] = np.sqrt(variance)
+    return sigmas
+
+
+class _Problem:
+    """Least squares over windows, with a weak hold on what is configured."""
+
+    def __init__(
+        self, drives: Sequence[Drive], counts: int, windows: Windows, configured: FloatArray
+    ) -> None:
+        self._drives, self._counts, self._windows = drives, counts, windows
+        self._configured = configured
+        unit = np.concatenate((configured[GEOMETRY], np.ones(3)))
+        lags = np.ones(2 * len(drives))
+        self._steps = np.concatenate((_STEPS * unit, _LAG_STEP_S * lags))
+        self._prior = np.concatenate((_PRIOR * unit, _LAG_PRIOR_S * lags))
+
+    def solve(
+        self, start: FloatArray, sigmas: FloatArray, used: BoolArray, loss: _Loss
+    ) -> FloatArray:
+        """The best values (v,). sigmas (w, 3): of windows' residuals. used (w,)."""
+        share = math.sqrt(OWN)
+        chosen = self._windows.where(used)
+
+        def weighted(steps: FloatArray) -> FloatArray:
+            values = start + steps * self._steps
+            wrong = misses(self._drives, self._counts, values, chosen)
+            held = (values - self._configured) / self._prior
+            return np.concatenate(((share * wrong / sigmas[used]).ravel(), held))
+
+        found = least_squares(
+            weighted,
+            np.zeros(len(start)),
+            loss=loss,
+            f_scale=_SOFT * share,
+            diff_step=np.full(len(start), 1e-4),
+            ftol=1e-6,
+            xtol=1e-4,
+            max_nfev=20,
+        )
+        return np.asarray(start + found.x * self._steps)
+
+    def covariance(
+        self, values: FloatArray, wrong: FloatArray, sigmas: FloatArray, used: BoolArray
+    ) -> FloatArray:
+        """Covariance (v, v) where the errors of neighbouring windows go together.
+
+        The "sandwich" of Newey & West (1987), with their weights (Bartlett's).
+        """
+        slopes = np.zeros((len(used), 3, len(values)))
+        for k in range(len(values)):
+            step = np.zeros(len(values))
+            step[k] = 1e-2 * self._steps[k]
+            above = misses(self._drives, self._counts, values + step, self._windows)
+            below = misses(self._drives, self._counts, values - step, self._windows)
+            slopes[:, :, k] = (above - below) / (2.0 * step[k])
+        slopes /= sigmas[:, :, None]
+        slopes[~used] = 0.0
+        scores = np.einsum("wij,wi->wj", slopes, wrong / sigmas)
+        reach = round(_REACH_S / STRIDE_S)
+        middle = scores.T @ scores
+        for lag in range(1, min(reach, len(scores))):
+            same = self._windows.drives[lag:] == self._windows.drives[:-lag]
+            pair = scores[lag:].T @ (same[:, None] * scores[:-lag])
+            middle += (1.0 - lag / reach) * (pair + pair.T)
+        # With few independent windows the values bend to the noise, which then looks smaller than
+        # it is; the weights lose a little of it, too.
+        independent = np.count_nonzero(used) * STRIDE_S / _INDEPENDENT_S
+        middle *= 1.1 * independent / max(independent - len(values), 1.0)
+        held = np.diag(self._prior**-2.0)
+        bread = np.linalg.inv(OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
+        return np.asarray(bread @ (OWN**2 * middle + held) @ bread)
+
+
+def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
+    """By how much (2,) s the stamps of a drive's ticks are late at its ends, by given geometry.
+
+    From the headings alone: on the straight, ticks that come ever later look like a smaller wheel.
+    """
+    windows = windows_of([drive], WINDOW_S, STRIDE_S)
+    windows = windows.where(moving([drive], windows))
+    if len(windows) < 4:
+        return np.zeros(2)
+
+    def weighted(lags: FloatArray) -> FloatArray:
+        wrong = misses([drive], counts, np.concatenate((values[:6], lags)), windows)[:, 2]
+        return np.concatenate((math.sqrt(OWN) * wrong / _ROUGH[2], lags / _LAG_PRIOR_S))
+
+    found = least_squares(weighted, np.zeros(2), loss="soft_l1", diff_step=np.full(2, 1e-3))
+    return np.asarray(found.x)

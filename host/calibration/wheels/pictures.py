@@ -1,0 +1,124 @@
+"""What there is to see of a calibration of the wheels."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from host.calibration.result import Picture, Series
+from host.calibration.wheels.fit import WINDOW_S, Fit
+from host.calibration.wheels.model import (
+    LAGS,
+    Drive,
+    at,
+    body_path,
+    compose,
+    misses,
+    motions,
+    relative,
+)
+from host.calibration.wheels.verdict import Coverage
+from host.messages import FloatArray
+
+Geometry = tuple[int, FloatArray]  # counts per turn, and values
+
+_MOST_POINTS, _MOST_PATHS = 1500, 4
+
+
+def pictures(
+    drives: Sequence[Drive],
+    found: Fit,
+    nominal: Geometry,
+    driven: Coverage,
+) -> tuple[Picture, ...]:
+    """Paths, headings, what was driven, and what the fit leaves.
+
+    nominal: counts per turn and values, as configured.
+    """
+    lags = found.values[LAGS].reshape(-1, 2)
+    # How late ticks are was not configured: what was before has that of the fit.
+    before = nominal[0], np.concatenate((nominal[1][:6], found.values[LAGS]))
+    after = found.counts, found.values
+    shown = list(zip(drives, lags, strict=True))[:_MOST_PATHS]
+    paths = [_path(drive, lag, before, after) for drive, lag in shown]
+    return (
+        *paths,
+        _headings(shown, before, after),
+        Picture(
+            title="What was driven",
+            x_label="speed, m/s",
+            y_label="turn rate, deg/s",
+            series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates)),),
+            caption="Each point is 2 s. Good: points above and below zero, and along it.",
+        ),
+        _left_over(drives, found, before),
+    )
+
+
+def _times(drive: Drive) -> FloatArray:
+    first, last = drive.span
+    times = drive.truth_times[(drive.truth_times >= first) & (drive.truth_times <= last)]
+    return times[:: max(1, math.ceil(len(times) / _MOST_POINTS))]
+
+
+def _both(drive: Drive, lag: FloatArray, geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """True poses (k, 3), and those by the wheels from the first true one on."""
+    times = _times(drive)
+    index = np.searchsorted(drive.truth_times, times)
+    poses = at(drive, body_path(drive, *geometry), lag, times)
+    steps = relative(np.broadcast_to(poses[0], poses.shape), poses)
+    start = np.broadcast_to(drive.truth[index[0]], poses.shape)
+    return drive.truth[index], compose(start, steps)
+
+
+def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> Picture:
+    true, old = _both(drive, lag, before)
+    _, new = _both(drive, lag, after)
+    rows = ((true, "motion capture"), (old, "wheels, before"), (new, "wheels, fitted"))
+    return Picture(
+        title=f"Path {drive.name}".rstrip(),
+        x_label="x, m",
+        y_label="y, m",
+        series=tuple(
+            Series(x=poses[:, 0], y=poses[:, 1], label=label, style="line") for poses, label in rows
+        ),
+        caption="By the wheels alone from the first true pose on.",
+        equal=True,
+    )
+
+
+def _headings(
+    shown: Sequence[tuple[Drive, FloatArray]], before: Geometry, after: Geometry
+) -> Picture:
+    series = []
+    for drive, lag in shown:
+        for geometry, label in ((before, "before"), (after, "fitted")):
+            true, wheels = _both(drive, lag, geometry)
+            error = np.degrees(wheels[:, 2] - true[:, 2])
+            times = _times(drive) - drive.span[0]
+            series.append(
+                Series(x=times, y=error, label=f"{drive.name} {label}".strip(), style="line")
+            )
+    return Picture(
+        title="Error of the heading",
+        x_label="time, s",
+        y_label="by the wheels minus true, deg",
+        series=tuple(series),
+        caption="What is left wanders; a line that still climbs steadily is geometry.",
+    )
+
+
+def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> Picture:
+    used = found.windows.where(found.used)
+    rates = np.degrees(motions(drives, used)[:, 2]) / WINDOW_S
+    old = misses(drives, *before, used)
+    return Picture(
+        title="Heading missed in 2 s, by turn rate",
+        x_label="turn rate, deg/s",
+        y_label="by the wheels minus true, deg",
+        series=(
+            Series(x=rates, y=np.degrees(old[:, 2]), label="before"),
+            Series(x=rates, y=np.degrees(found.residuals[found.used, 2]), label="fitted"),
+        ),
+        caption="Before, a slope is the track and an offset the radii; fitted, neither is left.",
+    )

@@ -1,0 +1,233 @@
+"""What was driven, and whether a calibration of the wheels made from it is to be used."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.calibration.result import Check, Fitted
+from host.calibration.wheels.fit import WINDOW_S, Fit
+from host.calibration.wheels.model import LAGS, Drive, motions, values_of, windows_of
+from host.calibration.wheels.noise import Noise
+from host.config import Mocap, Wheels
+from host.geometry import wrap
+from host.messages import FloatArray
+
+LEAST_WAY_M, LEAST_TURN_RAD = 3.0, math.radians(150.0)
+_RADIUS_LIMIT, _TRACK_LIMIT = 0.003, 0.006  # relative
+_PLACE_LIMIT_M, _HEADING_LIMIT_RAD = 0.005, math.radians(0.5)
+_LEAST_USED = 0.6  # of the windows
+_PLAUSIBLE = 0.15  # relative, of a radius
+_TOO_ALIKE = 0.95  # correlation of the track with the difference of the radii
+_LEAST_SPREAD = 0.08  # of `Coverage.spread`
+_VAGUE = 0.4  # sigma of a noise, as a share of it
+NOISES = ("wheels.distance_noise_m", "wheels.heading_noise_rad", "wheels.drift_noise_rad")
+_LEAST_NOISE_M, _LEAST_NOISE_RAD = 0.001, 0.001
+BIN_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """What was driven, in windows of 2 s, by the true path.
+
+    way_m; left_rad, right_rad: turned each way; straight: share of the way without turning.
+    spread: how different the turns were: the standard deviation of the share that turning has in
+    the way of the wheels (0 straight on, 1 on the spot), over that way. 0 on a circle.
+    speeds, turn_rates (k,): m/s and rad/s in each window.
+    """
+
+    way_m: float
+    left_rad: float
+    right_rad: float
+    straight: float
+    spread: float
+    speeds: FloatArray
+    turn_rates: FloatArray
+
+
+def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
+    """What the drives hold of ways and turns."""
+    windows = windows_of(drives, BIN_S, BIN_S)
+    if not len(windows):
+        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(0), np.zeros(0))
+    moved = motions(drives, windows)
+    turn = moved[:, 2]
+    # The chord of an arc is shorter than the arc.
+    way = np.hypot(moved[:, 0], moved[:, 1]) / np.maximum(np.abs(np.sinc(turn / math.tau)), 0.1)
+    side = 0.5 * track_m * np.abs(turn)
+    share = side / np.maximum(way + side, 1e-9)
+    weight = np.maximum(way + side, 1e-12)
+    mean = np.average(share, weights=weight)
+    return Coverage(
+        float(way.sum()),
+        float(turn[turn > 0.0].sum()),
+        float(-turn[turn < 0.0].sum()),
+        float(way[share < 0.05].sum() / max(way.sum(), 1e-9)),
+        math.sqrt(np.average((share - mean) ** 2, weights=weight)),
+        way / BIN_S,
+        turn / BIN_S,
+    )
+
+
+def value_rows(
+    found: Fit, halves: tuple[FloatArray, FloatArray] | None, wheels: Wheels, mocap: Mocap
+) -> tuple[Fitted, ...]:
+    before = values_of(wheels, mocap)
+    sigmas = np.sqrt(np.diag(found.covariance))
+    small = _RADIUS_LIMIT * wheels.left_radius_m
+    shown = (
+        ("wheels.left_radius_m", "left wheel's radius", small, "mm", 1e3),
+        ("wheels.right_radius_m", "right wheel's radius", small, "mm", 1e3),
+        ("wheels.track_m", "track", _TRACK_LIMIT * wheels.track_m, "mm", 1e3),
+        ("mocap.x_m", "tracked body, forward", _PLACE_LIMIT_M, "mm", 1e3),
+        ("mocap.y_m", "tracked body, to the left", _PLACE_LIMIT_M, "mm", 1e3),
+        ("mocap.heading_rad", "tracked body, heading", _HEADING_LIMIT_RAD, "deg", 180 / math.pi),
+    )
+    rows = []
+    for k, (key, name, limit, unit, scale) in enumerate(shown):
+        value = float(wrap(found.values[k])) if k == 5 else float(found.values[k])
+        both = None
+        if halves is not None:
+            # A heading near the half turn stays beside the other ones.
+            apart = [float(half[k] - found.values[k]) for half in halves]
+            apart = [float(wrap(x)) for x in apart] if k == 5 else apart
+            both = value + apart[0], value + apart[1]
+        rows.append(
+            Fitted(
+                key=key,
+                name=name,
+                value=value,
+                sigma=float(sigmas[k]),
+                limit=limit,
+                before=float(before[k]),
+                halves=both,
+                unit=unit,
+                scale=scale,
+            )
+        )
+    lags = found.values[LAGS]
+    share = np.full(len(lags), 1.0 / len(lags))
+    lag = Fitted(
+        key="",
+        name="odometry's lag behind motion capture",
+        value=float(lags.mean()),
+        sigma=math.sqrt(share @ found.covariance[LAGS, LAGS] @ share),
+        unit="ms",
+        scale=1e3,
+    )
+    return (*rows, lag)
+
+
+def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
+    found = {
+        "distance_noise_m": ("noise of the way after 1 m", noise.distance, _LEAST_NOISE_M),
+        "heading_noise_rad": ("noise of the heading after 1 rad", noise.heading, _LEAST_NOISE_RAD),
+        "drift_noise_rad": ("noise of the heading after 1 m", noise.drift, _LEAST_NOISE_RAD),
+    }
+    rows = []
+    for (key, (name, value, least)), sigma in zip(
+        found.items(), noise.sigmas.tolist(), strict=True
+    ):
+        value = max(value, least) if math.isfinite(value) else math.nan
+        told = sigma <= _VAGUE * value  # else it is not written
+        rows.append(
+            Fitted(
+                key=f"wheels.{key}" if told else "",
+                name=name if told else f"{name} (too vague: kept)",
+                value=value,
+                sigma=sigma,
+                before=getattr(wheels, key),
+                unit="mm" if key.endswith("_m") else "deg",
+                scale=1e3 if key.endswith("_m") else 180.0 / math.pi,
+            )
+        )
+    return tuple(rows)
+
+
+def checks(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
+    used = float(np.count_nonzero(found.used)) / max(len(found.used), 1)
+    alike = _track_correlation(found)
+    apart = found.values[:2] / (wheels.left_radius_m, wheels.right_radius_m) - 1.0
+    off = float(apart[np.argmax(np.abs(apart))])
+    least_deg = math.degrees(LEAST_TURN_RAD)
+    turns = [
+        Check(
+            name=f"turned to the {side}",
+            value=math.degrees(angle),
+            threshold=least_deg,
+            unit="deg",
+            passed=angle >= LEAST_TURN_RAD,
+            advice=f"the drive turns to the {side} by {math.degrees(angle):.0f} deg only: "
+            "with one turning direction, or straight on, the track cannot be told from the "
+            f"wheels' radii; drive turns to the {side} too",
+        )
+        for side, angle in (("left", driven.left_rad), ("right", driven.right_rad))
+    ]
+    return (
+        Check(
+            name="way",
+            value=driven.way_m,
+            threshold=LEAST_WAY_M,
+            unit="m",
+            passed=driven.way_m >= LEAST_WAY_M,
+            advice=f"drive further than {LEAST_WAY_M:.0f} m: {driven.way_m:.1f} m so far",
+        ),
+        *turns,
+        Check(
+            name="track and difference of the wheels told apart",
+            value=alike,
+            threshold=_TOO_ALIKE,
+            unit="",
+            passed=alike <= _TOO_ALIKE,
+            advice="on this path a wider track looks like a larger wheel: turn as much to the "
+            "left as to the right, and drive straight in between",
+        ),
+        Check(
+            name="parts of the drive that fit together",
+            value=100.0 * used,
+            threshold=100.0 * _LEAST_USED,
+            unit="%",
+            passed=used >= _LEAST_USED,
+            advice="the wheels slipped, the robot was pushed, or motion capture tracks something "
+            "else: check that mocap.body is this robot, and drive slower on a clean floor",
+        ),
+        Check(
+            name="radius against the configured one",
+            value=100.0 * off,
+            threshold=100.0 * _PLAUSIBLE,
+            unit="%",
+            passed=abs(off) <= _PLAUSIBLE,
+            advice="no wheel is so different: measure its diameter, and check the gear and "
+            "counts_per_turn in robot.toml",
+        ),
+    )
+
+
+def _track_correlation(found: Fit) -> float:
+    """|correlation| of the track with the ratio of the radii, both relative."""
+    rows = np.zeros((2, len(found.values)))
+    rows[0, :2] = (1.0, -1.0) / found.values[:2]
+    rows[1, 2] = 1.0
+    both = rows @ found.covariance @ rows.T
+    return abs(float(both[0, 1])) / math.sqrt(float(both[0, 0] * both[1, 1]))
+
+
+def warnings(driven: Coverage) -> list[str]:
+    """What may go wrong with a fit that is good for the drive it was made from."""
+    if driven.spread >= _LEAST_SPREAD:
+        return []
+    return [
+        f"all turns are alike (spread {driven.spread:.2f}, wanted {_LEAST_SPREAD:.2f}): expect the "
+        "fit to carry over badly to other paths; drive straight, wide and on the spot as well"
+    ]
+
+
+def residuals(found: Fit) -> str:
+    wrong = found.residuals[found.used]
+    place, heading = np.sqrt(np.mean(wrong**2, axis=0))[[0, 2]]
+    used = 100.0 * np.count_nonzero(found.used) / len(found.used)
+    missed = f"{1e3 * place:.1f} mm along and {math.degrees(heading):.2f} deg"
+    return (
+        f"rms {missed} over {WINDOW_S:.0f} s, {len(found.used)} windows, {used:.0f} % of them used"
+    )

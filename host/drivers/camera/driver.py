@@ -1,0 +1,169 @@
+"""One camera, or what stands for it: JPEG pictures with their times, failures told as Health."""
+
+import os
+import stat
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from host.config import Eye
+from host.drivers.camera.controls import Controls
+from host.drivers.camera.files import Frame, Pipe, RecordedFile, Source
+from host.drivers.camera.mjpeg import size_of
+from host.drivers.camera.usb import UsbCamera
+from host.drivers.camera.v4l2_device import absent, explain, is_video_device
+from host.drivers.reconnect import keep_connected
+from host.errors import UserError
+from host.messages import Health
+
+_HEALTH_PERIOD_S = 1.0
+_TORN_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A whole JPEG picture. time: of the exposure, host's monotonic s. sequence: counts from 0."""
+
+    time: float
+    jpeg: bytes
+    sequence: int
+
+
+class CameraDriver:
+    """`run` it in a thread of its own.
+
+    name: what Health calls it. eye: its source, size and rate. delay_s: from the exposure to the
+    time stamp of a camera, or to the arrival where there is no stamp. clock: host time in s.
+    """
+
+    def __init__(
+        self, name: str, eye: Eye, delay_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._name = name
+        self._eye = eye
+        self._delay_s = delay_s
+        self._clock = clock
+        self._controls = Controls()
+        self._emit: Callable[[Picture | Health], None] = lambda message: None
+        self._stop = threading.Event()
+        self._counts = Counter(pictures=0, torn=0, wrong_size=0, connections=0)
+        self._sequence = 0
+        self._wrong: tuple[int, int] | None = None  # the size that the last picture has instead
+        self._state: tuple[bool, str] | None = None
+        self._next_health = 0.0
+
+    def run(self, emit: Callable[[Picture | Health], None], stop: threading.Event) -> None:
+        """Emit a Picture each, and a Health a second and a change of state, until `stop` is set.
+
+        Failures of the source are told as Health and tried again; it raises only what is the
+        program's own fault. Without a source ("none") it returns at once.
+        """
+        if self._eye.source == "none":
+            return
+        self._emit, self._stop = emit, stop
+        keep_connected(self._serve, self._report_failure, stop)
+
+    def _serve(self) -> None:
+        """One connection: from opening the source to its loss or to the end."""
+        source = open_source(self._eye, self._controls, self._clock)
+        try:
+            self._counts["connections"] += 1
+            self._watch(source)
+        finally:
+            # What the source dropped is kept; what it cut out is not yet what was handed out.
+            self._counts.update(_dropped(source))
+            source.close()
+
+    def _watch(self, source: Source) -> None:
+        """Hand out pictures and judge them, until `stop` is set. Raises UserError."""
+        window = max(_HEALTH_PERIOD_S, 3.0 / self._eye.rate_hz)
+        checked, before, torn = self._clock(), self._counts.copy(), 0
+        while not self._stop.is_set():
+            frame = source.read(self._stop)
+            if frame is not None:
+                self._hand_out(frame, source.live)
+            now = self._clock()
+            if now - checked < window:
+                continue
+            news = self._counts - before
+            lost = source.counts["torn"] - torn
+            self._report(*self._judge(source, news, lost, now - checked), source)
+            checked, before, torn = now, self._counts.copy(), torn + lost
+
+    def _hand_out(self, frame: Frame, live: bool) -> None:
+        size = size_of(frame.jpeg)
+        self._wrong = None if size == (self._eye.width_px, self._eye.height_px) else size
+        if self._wrong:
+            self._counts["wrong_size"] += 1
+            return
+        self._counts["pictures"] += 1
+        moment = frame.time - self._delay_s if live else frame.time
+        self._emit(Picture(moment, frame.jpeg, self._sequence))
+        self._sequence += 1
+
+    def _judge(
+        self, source: Source, news: "Counter[str]", torn: int, seconds: float
+    ) -> tuple[bool, str]:
+        """How the last `seconds` were, and in words. news, torn: what was counted in them."""
+        pictures, eye = news["pictures"], self._eye
+        if self._wrong:
+            return False, (
+                "its pictures are {}x{}, ".format(*self._wrong)
+                + f"but robot.toml says {eye.width_px}x{eye.height_px}\n"
+                "set width_px and height_px to what comes, and the lens for that size"
+            )
+        if not pictures:
+            return False, str(source.why_silent())
+        if torn > _TORN_SHARE * (torn + pictures):
+            return False, (
+                f"{100 * torn / (torn + pictures):.0f} % of the pictures arrive torn\n"
+                "use a short cable, or a hub with a supply of its own"
+            )
+        rate = pictures / seconds
+        words = [f"{rate:.{0 if rate >= 3.0 else 1}f} pictures/s", *source.remarks()]
+        return True, "; ".join(words)
+
+    def _report_failure(self, error: UserError) -> None:
+        self._report(False, str(error))
+
+    def _report(self, ok: bool, reason: str, source: Source | None = None) -> None:
+        """Emit Health at a change of state and once a second."""
+        now = self._clock()
+        if self._state == (ok, reason) and now < self._next_health:
+            return
+        self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
+        counts = self._counts + Counter(_dropped(source) if source else {})
+        self._emit(Health(now, self._name, ok, reason, {**self._counts, **counts}))
+
+
+def _dropped(source: Source) -> dict[str, int]:
+    """What a source counted of what it did not give."""
+    return {name: count for name, count in source.counts.items() if name != "pictures"}
+
+
+def open_source(eye: Eye, controls: Controls, clock: Callable[[], float]) -> Source:
+    """Open what `eye.source` names, found out by looking at it. Raises UserError."""
+    path = eye.source
+    try:
+        mode = os.stat(path).st_mode
+        if is_video_device(path):
+            return UsbCamera(eye, controls, clock)
+    except FileNotFoundError as error:
+        if path.startswith("/dev/"):
+            raise absent(path) from error
+        raise UserError(
+            f"there is no {path}", "", "check source: a camera, a pipe, or a file of pictures"
+        ) from error
+    except OSError as error:
+        raise explain(path, error) from error
+    if stat.S_ISFIFO(mode):
+        return Pipe(path, clock)
+    if stat.S_ISREG(mode):
+        return RecordedFile(path, eye.rate_hz, clock)
+    raise UserError(
+        f"{path} gives no pictures",
+        "it is neither a camera nor a pipe nor a file",
+        "check source in robot.toml; ls -l /dev/v4l/by-path lists the cameras",
+    )

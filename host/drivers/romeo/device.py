@@ -1,0 +1,106 @@
+"""The Romeo board on its USB port: wheel displacements come, wheel speeds go."""
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+
+import serial
+
+from host.config import RobotConfig
+from host.drivers.reconnect import keep_connected
+from host.drivers.romeo.differential_drive import wheel_speeds
+from host.drivers.romeo.ports import NAME, SKETCH_IDS
+from host.drivers.romeo.session import Session
+from host.drivers.serial_port import find_port, open_port, read_available
+from host.errors import UserError
+from host.messages import Health, Message
+
+BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
+COMMAND_LIFE_S = 0.5
+HEALTH_PERIOD_S = 1.0
+READ_TIMEOUT_S = 0.02
+FASTEST_TICKS_PER_S = 32767  # an i16 of the velocity frame
+
+
+class Romeo:
+    """One board: `run` it in a thread, `command` it from any other."""
+
+    def __init__(self, robot: RobotConfig, clock: Callable[[], float] = time.monotonic) -> None:
+        """clock: the host's monotonic time, s."""
+        self._wheels = robot.wheels
+        self._port = robot.board.port
+        self._clock = clock
+        self._session = Session(robot)
+        self._lock = threading.Lock()
+        self._wanted: tuple[tuple[int, int], float] | None = None
+        self._told: tuple[bool, str] | None = None
+        self._told_at = -math.inf
+
+    def command(self, speed_mps: float, turn_rate_radps: float) -> None:
+        """Drive so fast and turn so fast (counter-clockwise positive) for COMMAND_LIFE_S.
+
+        Both are clipped to the limits of robot.toml's [wheels]; call again to go on. Raises
+        ValueError where one is not a finite number.
+        """
+        if not (math.isfinite(speed_mps) and math.isfinite(turn_rate_radps)):
+            raise ValueError(f"no finite command: {speed_mps} m/s, {turn_rate_radps} rad/s")
+        speed = _clip(speed_mps, self._wheels.max_speed_mps)
+        turn_rate = _clip(turn_rate_radps, self._wheels.max_turn_rate_radps)
+        left, right = wheel_speeds(self._wheels, speed, turn_rate)
+        # Both wheels are slowed alike, so that the robot stays on its arc.
+        scale = min(1.0, FASTEST_TICKS_PER_S / max(abs(left), abs(right), 1.0))
+        with self._lock:
+            self._wanted = (round(scale * left), round(scale * right)), self._clock()
+
+    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """Emit Displacement, and Health a second and a change of state, until `stop` is set.
+
+        Failures of the device are told as Health and tried again; it raises only what is the
+        program's own fault.
+        """
+        keep_connected(partial(self._serve, emit, stop), partial(self._report_failure, emit), stop)
+
+    def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """One connection, until `stop` is set or the port fails."""
+        with open_port(find_port(NAME, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
+            self._session.connect(self._clock())
+            try:
+                while not stop.is_set():
+                    self._turn(emit, port)
+            finally:
+                # Where the port is gone, the board's own command timeout stops the wheels.
+                with contextlib.suppress(OSError):
+                    port.write(self._session.stop())
+
+    def _turn(self, emit: Callable[[Message], None], port: serial.Serial) -> None:
+        data = read_available(port, READ_TIMEOUT_S)
+        now = self._clock()
+        for step in self._session.receive(data, now):
+            emit(step)
+        port.write(self._session.transmit(now, self._command_at(now)))
+        self._report(emit, *self._session.state(now))
+
+    def _command_at(self, now: float) -> tuple[int, int] | None:
+        """The last command in ticks/s (left, right), while it is in force."""
+        with self._lock:
+            if self._wanted is None or now > self._wanted[1] + COMMAND_LIFE_S:
+                return None
+            return self._wanted[0]
+
+    def _report_failure(self, emit: Callable[[Message], None], error: UserError) -> None:
+        parts = (error.what, error.why, error.next_step)
+        self._report(emit, False, "; ".join(part for part in parts if part))
+
+    def _report(self, emit: Callable[[Message], None], ok: bool, reason: str) -> None:
+        now = self._clock()
+        if (ok, reason) == self._told and now < self._told_at + HEALTH_PERIOD_S:
+            return
+        self._told, self._told_at = (ok, reason), now
+        emit(Health(now, NAME, ok, reason, self._session.counts()))
+
+
+def _clip(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

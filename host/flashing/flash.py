@@ -1,0 +1,301 @@
+"""Firmware onto the board: into the bootloader, avrdude, and back from the board what it runs."""
+
+import contextlib
+import os
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import serial
+
+from host.drivers.romeo.device import BAUDRATE
+from host.drivers.romeo.framing import DELIMITER, Decoder, encode
+from host.drivers.romeo.ports import (
+    PASTE_RULE,
+    BoardPort,
+    boards,
+    find_board,
+    open_board,
+    wait_for,
+    wait_for_access,
+)
+from host.drivers.romeo.protocol import (
+    BOARD_ROMEO_V2,
+    PROTOCOL_HASH,
+    HelloFrame,
+    IdentityFrame,
+)
+from host.drivers.romeo.session import ASK_PERIOD_S
+from host.drivers.serial_port import explain, read_available, stable_path
+from host.errors import UserError
+from host.flashing.build import BUILDS, PROJECT, Firmware, platformio_folder
+
+TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way to the bootloader
+UPLOAD_BAUDRATE = 57600
+BOOTLOADER_S = 8.0  # to appear, and about as long it stays
+BUTTON_S = 30.0  # for a person to press the reset button
+UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
+SKETCH_S = 10.0
+IDENTITY_S = 4.0
+LOG = BUILDS / "avrdude.log"
+
+_BY_HAND = (
+    "press its reset button (twice in quick succession where once does nothing) and run "
+    "`swarmloc flash` again within 8 s"
+)
+# What avrdude says: why, and what to do.
+_AVRDUDE_CAUSES = (
+    (r"permission denied", "this user may not use the bootloader's port", PASTE_RULE),
+    (
+        r"verif|mismatch",
+        "what was read back from the board is not what was written",
+        "run `swarmloc flash` again, with another USB cable where it stays so",
+    ),
+    (
+        r"not respond|recv|timeout|initiali[sz]ation failed|programmer id",
+        "the bootloader did not answer: its 8 s were over, or another program (ModemManager?) "
+        "spoke to it",
+        f"stop that program, {_BY_HAND}",
+    ),
+    (r"cannot open|can't open|no such", "the bootloader's port vanished", _BY_HAND),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Flashed:
+    """A board after the upload. identity: what it said of itself."""
+
+    port: str
+    identity: IdentityFrame
+
+
+def flash(
+    firmware: Firmware, port: str, report: Callable[[str], None], project: Path = PROJECT
+) -> Flashed:
+    """Upload the firmware and see that the board runs it.
+
+    port: a path, or "auto". report: takes a line for each step. project: what it was built from.
+    Raises UserError at the first step that fails.
+    """
+    expected = identity_of(project)
+    avrdude = find_avrdude()
+    board = find_board(port)
+    if board.in_bootloader:
+        report(f"the board is in its bootloader: {board.path}")
+    else:
+        report(f"found the board: {board.path}")
+        board = enter_bootloader(board, report)
+        report(f"its bootloader is there: {board.path}")
+    upload(avrdude, firmware.hex, board.path)
+    report(f"uploaded and verified {firmware.flash_bytes} bytes")
+    path = stable_path(_sketch_of(board).path)
+    report(f"the firmware has started: {path}")
+    identity = read_identity(path)
+    compare(identity, expected)
+    return Flashed(path, identity)
+
+
+def identity_of(project: Path = PROJECT) -> IdentityFrame:
+    """What firmware built from the project's sources will say of itself.
+
+    Raises UserError where they cannot be read or speak another protocol than this host.
+    """
+    try:
+        text = "".join(
+            (project / "include" / name).read_text("utf-8") for name in ("version.h", "protocol.h")
+        )
+    except OSError as error:
+        raise UserError(
+            "cannot tell the firmware's version",
+            f"{error.filename}: {error.strerror}",
+            "run swarmloc from its repository, as the README tells",
+        ) from error
+    values = dict(re.findall(r"^#define (\w+) (0x[0-9a-f]+|\d+)", text, re.MULTILINE))
+    names = ("PROTOCOL_HASH", *(f"FIRMWARE_VERSION_{part}" for part in ("MAJOR", "MINOR", "PATCH")))
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise UserError(
+            "cannot tell the firmware's version",
+            f"{project / 'include'} does not define {', '.join(missing)}",
+            "restore version.h, and run python tools/generate_protocol.py",
+        )
+    found, major, minor, patch = (int(values[name], 0) for name in names)
+    if found != PROTOCOL_HASH:
+        raise UserError(
+            "this firmware would not understand this host",
+            f"its protocol.h speaks {found:08x}, the host speaks {PROTOCOL_HASH:08x}",
+            "run: python tools/generate_protocol.py",
+        )
+    return IdentityFrame(found, major, minor, patch, BOARD_ROMEO_V2)
+
+
+def find_avrdude() -> list[str]:
+    """The command avrdude: the system's, else PlatformIO's. Raises UserError."""
+    found = shutil.which("avrdude")
+    if found:
+        return [found]
+    for package in sorted((platformio_folder() / "packages").glob("tool-avrdude*")):
+        programs = [path for path in package.rglob("avrdude") if path.is_file()]
+        if programs:
+            configuration = [f"-C{path}" for path in package.rglob("avrdude.conf")]
+            return [str(programs[0]), *configuration[:1]]
+    raise UserError(
+        "cannot upload the firmware",
+        "avrdude is not installed",
+        "run: sudo apt-get install -y avrdude",
+    )
+
+
+def enter_bootloader(board: BoardPort, report: Callable[[str], None]) -> BoardPort:
+    """Have the sketch give way to the bootloader; the bootloader's port, open to this user.
+
+    Where the touch does nothing it asks for the reset button. Raises UserError where the
+    bootloader does not appear within BUTTON_S after that either.
+    """
+    before = [one.path for one in boards() if one.in_bootloader]
+    touch(board.path)
+
+    def wanted(one: BoardPort) -> bool:
+        return one.in_bootloader and one.same_board(board)
+
+    found = wait_for(wanted, BOOTLOADER_S, unlike=before)
+    if found is None:
+        report(
+            "its bootloader does not answer the touch at 1200 baud: press the board's reset button "
+            "now (twice in quick succession where once does nothing)"
+        )
+        found = wait_for(wanted, BUTTON_S, unlike=before)
+    if found is None:
+        still = os.path.exists(board.path)
+        raise UserError(
+            "the bootloader did not appear",
+            "neither after the touch at 1200 baud nor after the reset button; "
+            + (
+                f"the sketch still has {board.path}: it may hang, or not be an Arduino sketch"
+                if still
+                else "the board is gone from USB and has not come back"
+            ),
+            _BY_HAND,
+        )
+    wait_for_access(found.path)
+    return found
+
+
+def touch(path: str) -> None:
+    """Open the port at 1200 baud and close it with DTR off. Raises UserError."""
+    port = open_board(path, TOUCH_BAUDRATE)
+    # A board that is fast vanishes before the port is closed.
+    with contextlib.suppress(OSError):
+        port.dtr = False
+    with contextlib.suppress(OSError):
+        port.close()
+
+
+def upload(avrdude: list[str], image: Path, port: str) -> None:
+    """Write the .hex and verify it; what avrdude says goes to LOG. Raises UserError."""
+    command = [
+        *avrdude,
+        *("-p", "atmega32u4", "-c", "avr109", "-P", port, "-b", str(UPLOAD_BAUDRATE)),
+        *("-D", "-U", f"flash:w:{image}:i"),
+    ]
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=UPLOAD_S,
+            env={**os.environ, "LC_ALL": "C"},  # its errors are looked up below
+            check=False,
+        )
+        said, failed = done.stdout, done.returncode != 0
+    except subprocess.TimeoutExpired as error:
+        said, failed = (error.stdout or b"") + b"\nstopped: timeout\n", True
+    text = said.decode("utf-8", "replace")
+    LOG.parent.mkdir(parents=True, exist_ok=True)
+    LOG.write_text(f"{' '.join(command)}\n{text}", "utf-8")
+    if failed:
+        why, next_step = _avrdude_failure(text)
+        raise UserError(
+            "avrdude could not upload the firmware", f"{why} ({LOG} has all it said)", next_step
+        )
+
+
+def _avrdude_failure(text: str) -> tuple[str, str]:
+    for pattern, why, next_step in _AVRDUDE_CAUSES:
+        if re.search(pattern, text, re.IGNORECASE):
+            return why, next_step
+    lines = [line.strip() for line in text.splitlines() if "error" in line.lower()]
+    return (lines or ["it did not say why"])[0], _BY_HAND
+
+
+def _sketch_of(board: BoardPort) -> BoardPort:
+    """The port of the sketch that the bootloader has started."""
+    found = wait_for(lambda one: not one.in_bootloader and one.same_board(board), SKETCH_S)
+    if found is None:
+        stays = any(one.in_bootloader and one.same_board(board) for one in boards())
+        raise UserError(
+            "the firmware was uploaded but has not started",
+            "the board is still in its bootloader" if stays else "the board is gone from USB",
+            "unplug the board, plug it in again, then run `swarmloc flash` again",
+        )
+    return found
+
+
+def read_identity(path: str) -> IdentityFrame:
+    """What the board at the port says of itself. Raises UserError where it says nothing."""
+    try:
+        with open_board(path, BAUDRATE, patience_s=IDENTITY_S) as port:
+            return _greet(port)
+    except OSError as error:
+        raise UserError(
+            "the board does not introduce itself",
+            explain(error),
+            "unplug the board, plug it in again, then run `swarmloc flash` again",
+        ) from error
+
+
+def _greet(port: serial.Serial) -> IdentityFrame:
+    decoder = Decoder()
+    heard = 0
+    end = time.monotonic() + IDENTITY_S
+    next_hello = 0.0
+    while time.monotonic() < end:
+        if time.monotonic() >= next_hello:
+            port.write(DELIMITER + encode(HelloFrame()))
+            next_hello = time.monotonic() + ASK_PERIOD_S
+        data = read_available(port)
+        heard += len(data)
+        for frame in decoder.feed(data):
+            if isinstance(frame, IdentityFrame):
+                return frame
+    raise UserError(
+        "the board does not introduce itself",
+        f"it sent {heard} bytes in {IDENTITY_S:.0f} s and no identity among them",
+        "run `swarmloc flash` again",
+    )
+
+
+def compare(found: IdentityFrame, built: IdentityFrame) -> None:
+    """Raise UserError unless the board runs what was built."""
+    if found != built:
+        raise UserError(
+            "the board does not run what was built",
+            f"it runs {in_words(found)}; built was {in_words(built)}",
+            "run `swarmloc flash` again; if another board answers, name one: --port PORT",
+        )
+
+
+def version(identity: IdentityFrame) -> str:
+    """The firmware's version as it is written: 1.2.3."""
+    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+
+
+def in_words(identity: IdentityFrame) -> str:
+    """Version, protocol and kind of board, for the screen."""
+    board = "a Romeo V2" if identity.board == BOARD_ROMEO_V2 else f"board {identity.board}"
+    return f"firmware {version(identity)} with protocol {identity.protocol_hash:08x} on {board}"

@@ -1,0 +1,147 @@
+"""Runs to replay and to score: recordings, and scenarios simulated at full speed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from host.calibration.gathered import Tracks
+from host.calibration.reinterpretation import Reinterpretation
+from host.config import RobotConfig
+from host.errors import UserError
+from host.estimator import profiles
+from host.estimator.interface import Filter
+from host.evaluation.labels import Labelled, TruthTrack
+from host.evaluation.metrics import Accumulator
+from host.evaluation.runner import Timed
+from host.evaluation.truth_scoring import AfterPositions, score
+from host.localizer import Localizer
+from host.messages import (
+    Bearings,
+    Bodies,
+    Displacement,
+    Measurement,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
+from host.recording.log import SUFFIX, Recording
+from host.simulation.offline import OBSERVER, Simulation
+from host.simulation.world import scenarios
+from host.simulation.world.scenarios import Scenario
+from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY, uses
+
+CLAIRVOYANT = "clairvoyant"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one robot's devices said, in order, and where its teammates truly were.
+
+    name: the source as the user wrote it. scenario: where it was simulated just now.
+    """
+
+    name: str
+    observer: str
+    config: RobotConfig
+    messages: list[Measurement | Displacement]
+    truths: list[Truth]
+    scenario: Scenario | None = None
+
+    @property
+    def sensors(self) -> list[str]:
+        """The sensors, as --sensors names them, for which there are readings."""
+        kinds = {type(message) for message in self.messages}
+        if not kinds & {Scan, Positions}:
+            return []
+        return [LIDAR_ONLY, LIDAR_AND_CAMERA] if Bearings in kinds else [LIDAR_ONLY]
+
+    def score(self, filter_name: str, sensors: str) -> Accumulator:
+        """Run a filter on the messages and score its estimates after scans."""
+        scored = Accumulator()
+        track = TruthTrack(self.truths)
+        filter_: Filter = Timed(profiles.make(filter_name, self.config), scored.update_seconds)
+        if filter_name == CLAIRVOYANT:
+            filter_ = Labelled(filter_, track)
+        kept = AfterPositions(filter_)
+        localizer = Localizer(self.config, kept)
+        for message in self.messages:
+            if uses(message, sensors):
+                localizer.handle(message)
+        localizer.finish()
+        score(kept.estimates, track, scored)
+        return scored
+
+
+def find(source: str) -> Recording | Scenario:
+    """The recording or the scenario that a source names. Raises UserError where it is neither."""
+    path = Path(source)
+    if source.endswith(SUFFIX) or path.is_file():
+        return Recording(path)
+    return scenarios.parse(source)
+
+
+def load(source: str, robot: RobotConfig | None) -> Run:
+    """Read a recording or simulate a scenario; a recording is read as if taken with `robot`.
+
+    Raises UserError where there is neither, and for a recording without truth.
+    """
+    found = find(source)
+    if isinstance(found, Scenario):
+        simulation, all_messages = simulated(found, robot or RobotConfig())
+        messages, truths = _sort_out(all_messages, simulation.config)
+        config = simulation.config
+        return Run(source, str(OBSERVER), config, messages, truths, found)
+    config = robot or found.header.config
+    messages, truths = _sort_out(read_as(found, config), config)
+    if not truths:
+        raise UserError(
+            f"{source} cannot be scored",
+            "it holds no truth: nobody measured where the teammates really were",
+            "score a simulated run, or `swarmloc replay` it to see what is estimated",
+        )
+    return Run(source, config.name, config, messages, truths)
+
+
+def read_as(recording: Recording, config: RobotConfig) -> Iterator[Message]:
+    """The messages of a recording as `config` would have had them."""
+    seen = Reinterpretation(recording.header.config, config)
+    return map(seen.of, recording.messages())
+
+
+def simulated(scenario: Scenario, config: RobotConfig) -> tuple[Simulation, Iterator[Message]]:
+    """A scenario, and all messages of it with truth at every scan besides.
+
+    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns. Raises
+    UserError at once where the scenario has no room for its robots.
+    """
+    simulation = Simulation(scenario, config)
+    return simulation, _with_truth(simulation)
+
+
+def _with_truth(simulation: Simulation) -> Iterator[Message]:
+    for message in simulation.messages():
+        yield message
+        if isinstance(message, Scan):
+            yield simulation.truth(message.time)
+
+
+def _sort_out(
+    messages: Iterator[Message], config: RobotConfig
+) -> tuple[list[Measurement | Displacement], list[Truth]]:
+    kept: list[Measurement | Displacement] = []
+    truths: list[Truth] = []
+    bodies: list[Bodies] = []
+    for message in messages:
+        if isinstance(message, Truth):
+            truths.append(message)
+        elif isinstance(message, Bodies):
+            bodies.append(message)
+        elif isinstance(message, Scan | Positions | Bearings | Displacement):
+            kept.append(message)
+    if bodies and not truths:
+        times = [message.time for message in kept if isinstance(message, Scan)]
+        truths = Tracks(bodies, config.mocap).truths(np.array(times))
+    return kept, sorted(truths, key=lambda truth: truth.time)

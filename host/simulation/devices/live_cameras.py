@@ -1,0 +1,120 @@
+"""The cameras of a running simulation: streams of rendered JPEGs in named pipes."""
+
+import contextlib
+import math
+import os
+import select
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from host.config import Camera, Eye
+from host.simulation.pictures.render import Renderer, Surroundings
+from host.simulation.world.scenarios import Scenario
+
+FRONT, REAR = "front", "rear"
+_POLL_S = 0.05  # so often a waiting writer looks whether to stop
+
+
+class Pipe:
+    """A named pipe as a camera's stream: who opens `path` reads from the next picture on."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._handle: int | None = None
+        os.mkfifo(path)
+
+    def listening(self) -> bool:
+        """Has a host the pipe open? Pictures for nobody need not be made."""
+        if self._handle is None:
+            # Fails as long as nobody reads.
+            with contextlib.suppress(OSError):
+                self._handle = os.open(self.path, os.O_WRONLY | os.O_NONBLOCK)
+        return self._handle is not None
+
+    def write(self, data: bytes, stop: threading.Event) -> None:
+        """Send the whole of `data`, however slowly it is read, unless the reader goes or `stop`."""
+        rest = memoryview(data)
+        while self._handle is not None and rest and not stop.is_set():
+            try:
+                rest = rest[os.write(self._handle, rest) :]
+            except BlockingIOError:
+                poll = select.poll()
+                poll.register(self._handle, select.POLLOUT)
+                poll.poll(1000.0 * _POLL_S)
+            except BrokenPipeError:
+                self.close()
+
+    def close(self) -> None:
+        """Let go of the pipe: a reader comes to the stream's end."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+class LiveCameras:
+    """Front and rear camera, each a thread that sends its pictures when they would arrive.
+
+    surroundings(time): what is around the robot at `time`, s since the start. folder: where the
+    pipes are made. told: the cameras as the host knows them, which with the pipes for sources is
+    `camera`; true: as they are.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        scenario: Scenario,
+        told: Camera,
+        true: Camera,
+        surroundings: Callable[[float], Surroundings],
+        clock: Callable[[], float],
+    ) -> None:
+        self._scenario = scenario
+        self._surroundings = surroundings
+        self._clock = clock
+        self._start = 0.0
+        self._stop = threading.Event()
+        self._true = true
+        self._pipes = {name: Pipe(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
+        changes = {
+            name: eye.model_copy(
+                update={"source": str(self._pipes[name].path), "rate_hz": scenario.camera_hz}
+            )
+            for name, eye in ((FRONT, told.front), (REAR, told.rear))
+        }
+        self.camera = told.model_copy(update=changes)
+        self._threads = [
+            threading.Thread(target=self._run, args=(name, eye), name=f"{name} eye", daemon=True)
+            for name, eye in ((FRONT, true.front), (REAR, true.rear))
+        ]
+
+    def start(self, start: float) -> None:
+        """Begin, with the scenario's time 0 at `start` of the clock."""
+        self._start = start
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End both streams."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        for pipe in self._pipes.values():
+            pipe.close()
+
+    def _run(self, name: str, eye: Eye) -> None:
+        pipe = self._pipes[name]
+        renderer = Renderer(self._true, eye, seed=self._scenario.seed)
+        period, delay = 1.0 / self._scenario.camera_hz, self._scenario.camera_delay_s
+        number = -1
+        while not self._stop.is_set():
+            # Where painting or reading takes too long, pictures are left out, as cameras do.
+            late = self._clock() - self._start - delay
+            number = max(number + 1, math.ceil(late / period))
+            arrival = self._start + number * period + delay
+            jpeg = b""
+            if pipe.listening():
+                jpeg = renderer.render(self._surroundings(number * period), number)
+            if self._stop.wait(max(0.0, arrival - self._clock())):
+                return
+            pipe.write(jpeg, self._stop)

@@ -1,0 +1,272 @@
+"""The simulated robot in real time: its lidar and board on pseudo-terminals.
+
+The real drivers open the terminals as they would open serial ports. Its cameras are two streams of
+pictures in named pipes or, where the scenario renders none, a thread that tells their bearings.
+Motion capture, where the scenario has it, is a NatNet server on this computer.
+"""
+
+import contextlib
+import os
+import select
+import tempfile
+import threading
+import time
+import tty
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from host.config import RobotConfig
+from host.drivers.x4.commands import RESET
+from host.errors import UserError
+from host.messages import Bearings, FloatArray, Health, IntArray, Message, Truth
+from host.simulation.devices.board import STAND_IN, BoardKind
+from host.simulation.devices.live_cameras import LiveCameras
+from host.simulation.devices.natnet_server import NatNetServer
+from host.simulation.offline import Simulation
+from host.simulation.pictures.render import Surroundings
+from host.simulation.world.scenarios import Scenario
+
+PUMP_S = 0.01  # more would make every message look later than it is
+HEALTH_S = 1.0
+MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days
+LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
+
+Interval = tuple[float, float]
+
+
+class Terminal:
+    """A serial port that is not there: the host opens `path`, the device reads and writes here."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._master: int | None = None
+
+    @property
+    def plugged(self) -> bool:
+        """Is there a port under the path?"""
+        return self._master is not None
+
+    def plug(self) -> None:
+        """Make a new port under the path, as a USB adapter does that was plugged in."""
+        if self._master is not None:
+            return
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.path.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        self._master = master  # last: whoever sees it plugged finds its path
+
+    def unplug(self) -> None:
+        """Take the port away: who has it open gets an input/output error."""
+        if self._master is None:
+            return
+        master, self._master = self._master, None
+        self.path.unlink()
+        os.close(master)
+
+    @property
+    def listening(self) -> bool:
+        """Has a host the port open? What is sent to nobody is lost."""
+        if self._master is None:
+            return False
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(event & select.POLLHUP for _, event in poll.poll(0))
+
+    def read(self) -> bytes:
+        """Whatever the host has written since the last call."""
+        if self._master is None or not self.listening:
+            return b""
+        try:
+            return os.read(self._master, 4096)
+        except OSError:  # nothing there, or the host closed the port just now
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send to the host; what it does not make room for is lost, as in a UART's buffer."""
+        if self._master is not None and data and self.listening:
+            with contextlib.suppress(OSError):
+                os.write(self._master, data)
+
+
+class Device(Protocol):
+    """A device at byte level: the X4 or the board."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take the host's bytes at `now`, s."""
+
+    def transmit(self, now: float) -> list[tuple[float, bytes]]:
+        """Give what was sent up to `now`, s."""
+
+
+class LiveSimulation:
+    """A scenario that runs by the clock, with the devices of its robot plugged in and out.
+
+    unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
+    messages and of `truth` are the host's, by `clock` (s). config: the caller's, with the simulated
+    devices in place of the real ones. As a context manager it runs from
+    entry to exit, where it raises UserError if the board's program crashed.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        config: RobotConfig,
+        unplugged: Mapping[str, Sequence[Interval]] | None = None,
+        board: BoardKind = STAND_IN,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._simulation = Simulation(scenario, config, board)
+        self._unplugged = unplugged or {}
+        unknown = set(self._unplugged) - {LIDAR, BOARD}
+        if unknown:
+            raise UserError(
+                f"cannot unplug {min(unknown)!r}",
+                f"known: {LIDAR}, {BOARD}",
+                "write it as in --unplug lidar=2-4",
+            )
+        self.clock = clock
+        self._start = clock()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._failure: UserError | None = None
+        self._pump = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
+        folder = Path(self._folder.name)
+        self._ports: dict[str, tuple[Terminal, Device]] = {
+            LIDAR: (Terminal(folder / LIDAR), self._simulation.x4),
+            BOARD: (Terminal(folder / BOARD), self._simulation.board),
+        }
+        known = self._simulation.config
+        self.config = _with_ports(
+            known, {name: port.path for name, (port, _) in self._ports.items()}
+        )
+        self.camera = LiveCamera(self)
+        self._pictures: LiveCameras | None = None
+        if scenario.rendered:
+            told, true = self.config.camera, self._simulation.built.camera
+            self._pictures = LiveCameras(folder, scenario, told, true, self._surroundings, clock)
+            self.config = self.config.model_copy(update={"camera": self._pictures.camera})
+        self._running = contextlib.ExitStack()
+        self._mocap: NatNetServer | None = None
+        if scenario.mocap_hz:
+            self._mocap = NatNetServer(self._bodies, scenario.mocap_hz, clock)
+            mocap = {"source": "natnet", "natnet": self._mocap.config}
+            mocap_config = self.config.mocap.model_copy(update=mocap)
+            self.config = self.config.model_copy(update={"mocap": mocap_config})
+
+    def __enter__(self) -> Self:
+        self._start = self.clock()
+        self._plug(0.0)
+        self._pump.start()
+        if self._pictures is not None:
+            self._pictures.start(self._start)
+        if self._mocap is not None:
+            self._running.enter_context(self._mocap)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._pump.join()
+        if self._pictures is not None:
+            self._pictures.stop()
+        self._running.close()
+        for terminal, _ in self._ports.values():
+            terminal.unplug()
+        self._folder.cleanup()
+        if self._failure is not None and error is None:
+            raise self._failure
+
+    def truth(self, time: float) -> Truth:
+        """Where the teammates truly are at the host's `time` (s), in the robot's frame.
+
+        Of times within the last minute.
+        """
+        with self._lock:
+            return replace(self._simulation.truth(time - self._start), time=time)
+
+    def bearings(self, frame: int) -> tuple[float, Bearings]:
+        """Arrival (host time, s) and content of the image pair with this number, from 0."""
+        scenario = self._simulation.scenario
+        time = frame / scenario.camera_hz
+        with self._lock:
+            bearings = self._simulation.camera.bearings(time)
+        arrival = self._start + time + scenario.camera_delay_s
+        return arrival, replace(bearings, time=arrival - self.config.camera.delay_s)
+
+    def _bodies(self, time: float) -> tuple[IntArray, FloatArray]:
+        with self._lock:
+            seen = self._simulation.bodies(time - self._start)
+        return seen.identities, seen.poses
+
+    def _surroundings(self, time: float) -> Surroundings:
+        with self._lock:
+            return self._simulation.surroundings(time)
+
+    def _run(self) -> None:
+        try:
+            self._pump_until_stop()
+        except UserError as failure:  # of the board's program; raised again where it ends
+            self._failure = failure
+
+    def _pump_until_stop(self) -> None:
+        while not self._stop.wait(PUMP_S):
+            now = self.clock() - self._start
+            with self._lock:
+                self._plug(now)
+                for terminal, device in self._ports.values():
+                    _exchange(terminal, device, now)
+                self._simulation.forget(now - MEMORY_S)
+
+    def _plug(self, now: float) -> None:
+        for name, (terminal, device) in self._ports.items():
+            absent = any(start <= now < end for start, end in self._unplugged.get(name, ()))
+            if absent and terminal.plugged:
+                terminal.unplug()
+            elif not absent and not terminal.plugged:
+                terminal.plug()
+                if name == LIDAR:  # it has no power of its own and begins anew
+                    device.receive(RESET, now)
+
+
+def _exchange(terminal: Terminal, device: Device, now: float) -> None:
+    received = terminal.read()
+    if received:
+        device.receive(received, now)
+    terminal.write(b"".join(data for _, data in device.transmit(now)))
+
+
+def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
+    lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR])})
+    board = config.board.model_copy(update={"port": str(ports[BOARD])})
+    return config.model_copy(update={"lidar": lidar, "board": board})
+
+
+class LiveCamera:
+    """The cameras of a running simulation, as a device: `run` it in a thread of its own."""
+
+    def __init__(self, simulation: LiveSimulation) -> None:
+        self._simulation = simulation
+
+    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """Emit Bearings when they arrive, and Health once a second, until `stop` is set."""
+        frame = 0
+        next_health = 0.0
+        while not stop.is_set():
+            arrival, bearings = self._simulation.bearings(frame)
+            if stop.wait(max(0.0, arrival - self._simulation.clock())):
+                return
+            frame += 1
+            emit(bearings)
+            if arrival >= next_health:
+                next_health = arrival + HEALTH_S
+                emit(Health(arrival, CAMERA, True, "simulated", {"frames": frame}))

@@ -1,0 +1,167 @@
+"""The simulated robot, offline: every message it would give, in order of arrival, at full speed."""
+
+import functools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from host.config import RobotConfig
+from host.drivers.natnet import protocol as natnet_protocol
+from host.drivers.natnet.frames import Frame, Version
+from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
+from host.drivers.romeo.session import Session
+from host.drivers.x4.commands import SCAN
+from host.drivers.x4.protocol import Decoder
+from host.geometry import to_frame
+from host.messages import Bearings, Bodies, Message, Truth
+from host.simulation.devices.board import STAND_IN, BoardKind
+from host.simulation.devices.x4 import X4Emulator
+from host.simulation.pictures.render import Surroundings
+from host.simulation.pictures.searched_camera import SearchedCamera
+from host.simulation.world.arena import STEP_S, Arena
+from host.simulation.world.built import built, known
+from host.simulation.world.motion_capture import MotionCapture
+from host.simulation.world.scenarios import Scenario
+from host.simulation.world.sensors import Camera, Encoders, Lidar
+
+OBSERVER = 0
+TRUTH_HZ = 10.0
+_TICK_S = 0.1
+_TALKS = 5  # of host and board a tick
+_NATNET: Version = (4, 1)  # as the simulated motion capture streams
+
+Arrival = tuple[float, Message]
+
+
+class Simulation:
+    """A scenario, one robot's devices in it, and what the host makes of their bytes.
+
+    x4 and board: the devices at byte level; camera: the image pairs. built: the robot as it truly
+    is; config: what the host knows of it. All times are seconds since the scenario's start.
+    """
+
+    def __init__(
+        self, scenario: Scenario, config: RobotConfig, board: BoardKind = STAND_IN
+    ) -> None:
+        self.scenario = scenario
+        self.built = built(config, scenario)
+        self.config = known(config, scenario)
+        self._arena = Arena(scenario)
+        self._others = np.delete(np.arange(scenario.robots), OBSERVER)
+        lidar = Lidar(self._arena, OBSERVER, scenario, self.built.lidar)
+        self._encoders = Encoders(self._arena, OBSERVER, scenario, self.built.wheels)
+        self.camera = Camera(self._arena, OBSERVER, scenario)
+        self.x4 = X4Emulator(
+            lidar.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
+        )
+        self.board = board.make(self._encoders.ticks)
+        self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
+        self._decoder = Decoder()
+        self._natnet = natnet_protocol.Decoder(_NATNET)
+        self._session = Session(self.config)
+        self._talked = 0.0
+        self._frames = 0
+        self._truths = 0
+        self._exposures = 0
+
+    def truth(self, time: float) -> Truth:
+        """Where the teammates truly are at `time` (s), in the observer's frame."""
+        (poses,) = self._arena.poses(np.array([time]))
+        return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+
+    def bodies(self, time: float) -> Bodies:
+        """What motion capture sees at `time` (s); call once a frame, in order."""
+        return self._mocap.bodies(time)
+
+    def surroundings(self, time: float) -> Surroundings:
+        """What is around the observer at `time` (s), for its cameras."""
+        half = 0.5 * STEP_S
+        before, poses, after = self._arena.poses(np.array([time - half, time, time + half]))
+        own = poses[OBSERVER]
+        return Surroundings(
+            to_frame(poses[self._others, :2], own),
+            to_frame(self._arena.posts, own),
+            own,
+            self._arena.half_side_m,
+            float(after[OBSERVER, 2] - before[OBSERVER, 2]) / STEP_S,
+        )
+
+    def forget(self, before: float) -> None:
+        """Forget how robots moved before `before` (s); no device may have to tell of it yet."""
+        self._encoders.forget(before)
+        self._arena.forget(before)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield Scan, Displacement, Bearings, Bodies, Truth (10 Hz) in order of arrival, once.
+
+        The devices' bytes go through the decoders and the conversion that serve the real ones.
+        """
+        self.x4.receive(SCAN, 0.0)
+        self._session.connect(0.0)
+        for tick in range(math.ceil(self.scenario.seconds / _TICK_S) + 1):
+            now = min(tick * _TICK_S, self.scenario.seconds)
+            arrivals = [
+                *self._scans(now),
+                *self._displacements(now),
+                *self._bearings(now),
+                *self._bodies(now),
+                *self._truths_until(now),
+            ]
+            arrivals.sort(key=lambda arrival: arrival[0])
+            for _, message in arrivals:
+                yield message
+
+    def _scans(self, now: float) -> Iterator[Arrival]:
+        delay = self.config.lidar.delay_s
+        for time, data in self.x4.transmit(now):
+            for scan in self._decoder.feed(data, time):
+                yield time, replace(scan, time=scan.time - delay, times=scan.times - delay)
+
+    def _displacements(self, now: float) -> Iterator[Arrival]:
+        # A host answers at once, not once a tick.
+        for talk in np.linspace(self._talked, now, _TALKS + 1)[1:]:
+            for time, data in self.board.transmit(talk):
+                for displacement in self._session.receive(data, time):
+                    yield time, displacement
+            self.board.receive(self._session.transmit(talk, None), talk)
+        self._talked = now
+
+    def _bearings(self, now: float) -> Iterator[Arrival]:
+        delay = self.scenario.camera_delay_s
+        unknown = delay - self.config.camera.delay_s
+        while (time := self._frames / self.scenario.camera_hz) + delay <= now:
+            for bearings in self._seen(time):
+                yield time + delay, replace(bearings, time=time + unknown)
+            self._frames += 1
+
+    def _bodies(self, now: float) -> Iterator[Arrival]:
+        if not self.scenario.mocap_hz:
+            return
+        while (time := self._exposures / self.scenario.mocap_hz) <= now:
+            packet = frame_packet(frame_of(self.bodies(time), "y", self._exposures), _NATNET)
+            self._exposures += 1
+            frame = self._natnet.feed(packet)
+            if isinstance(frame, Frame):
+                yield time, bodies_of(frame, time, "y")
+
+    def _seen(self, time: float) -> list[Bearings]:
+        """What the image pair taken at `time` (s) shows, as one or, where rendered, as two."""
+        if not self.scenario.rendered:
+            return [self.camera.bearings(time)]
+        scene = self.surroundings(time)
+        found = [
+            camera.bearings(scene, self._others, time, self._frames) for camera in self._searched
+        ]
+        return [bearings for bearings in found if bearings is not None]
+
+    @functools.cached_property
+    def _searched(self) -> tuple[SearchedCamera, SearchedCamera]:
+        told, true, seed = self.config.camera, self.built.camera, self.scenario.seed
+        return SearchedCamera("front", told, true, seed), SearchedCamera("rear", told, true, seed)
+
+    def _truths_until(self, now: float) -> Iterator[Arrival]:
+        while (time := self._truths / TRUTH_HZ) <= now:
+            self._truths += 1
+            yield time, self.truth(time)

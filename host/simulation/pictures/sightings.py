@@ -1,0 +1,72 @@
+"""What a camera truly has in view: the truth that rendered pictures are judged by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.config import Strip
+from host.messages import BoolArray, FloatArray
+from host.perception.lens import View
+from host.simulation.pictures.solids import POST, Cylinder, robot_of, strip_of
+
+_ACROSS, _UP = 24, 6  # places on a strip that are looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """Each teammate as one camera has it in view.
+
+    bearings (n,) rad and ranges (n,) m: of its origin, level, from the camera's place, in the
+    robot frame's directions. shares (n,): how much of its strip's near side is in the picture and
+    behind nothing, 0 to 1.
+    """
+
+    bearings: FloatArray
+    ranges: FloatArray
+    shares: FloatArray
+
+
+def visible(view: View, strip: Strip, teammates: FloatArray, posts: FloatArray) -> Sightings:
+    """Tell what `view` truly sees of teammates (n, 2) m among posts (m, 2) m, robot frame."""
+    x, y = (teammates - view.origin[:2]).T
+    coat = strip_of(strip)
+    solids = [
+        (number, part, place)
+        for number, place in enumerate(teammates)
+        for part in (*robot_of(strip), coat)
+    ] + [(-1, POST, place) for place in posts]
+    shares = [
+        _share(view, coat, place, [solid[1:] for solid in solids if solid[0] != number])
+        for number, place in enumerate(teammates)
+    ]
+    return Sightings(np.arctan2(y, x), np.hypot(x, y), np.array(shares))
+
+
+def _share(
+    view: View, coat: Cylinder, place: FloatArray, solids: list[tuple[Cylinder, FloatArray]]
+) -> float:
+    points = near_side(coat, place, view.origin)
+    if not len(points):
+        return 0.0
+    seen = inside_picture(view, points)
+    for cylinder, axis in solids:
+        seen &= ~cylinder.between(axis, view.origin, points)
+    return float(np.mean(seen))
+
+
+def near_side(coat: Cylinder, place: FloatArray, eye: FloatArray) -> FloatArray:
+    """Points (k, 3) on the half of a coat that `eye` sees, about evenly as it sees them."""
+    across = (np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0
+    angles = coat.arc(place, eye, np.arcsin(across) / (0.5 * np.pi))
+    up = (np.arange(_UP) + 0.5) / _UP
+    heights = coat.bottom_m + up * (coat.top_m - coat.bottom_m)
+    return coat.rims(place, angles, heights).reshape(-1, 3)
+
+
+def inside_picture(view: View, points: FloatArray) -> BoolArray:
+    """Which points (n, 3) the picture has a pixel for."""
+    eye = view.lens.eye
+    x, y = view.pixels_of(points).T  # nan compares false
+    across: BoolArray = (x >= -0.5) & (x < eye.width_px - 0.5)
+    down: BoolArray = (y >= -0.5) & (y < eye.height_px - 0.5)
+    return across & down

@@ -1,0 +1,109 @@
+"""Where the beams of an X4 meet a square room and the cylinders in it; plain geometry, no noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.drivers.x4.packets import CROSSING_M, EMITTER_OFFSET_M
+from host.geometry import to_parent
+from host.messages import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Beams:
+    """Straight beams in the world: they start at origins (k, 2) m along unit directions (k, 2).
+
+    centres (k, 2) m: the lidar's axis at each sample, from which it counts ranges and bearings.
+    """
+
+    centres: FloatArray
+    origins: FloatArray
+    directions: FloatArray
+
+    def ranges(self, distances: FloatArray) -> FloatArray:
+        """Ranges (k,) m from the lidar's axis of the points at `distances` (k,) m on the beams."""
+        x, y = (self.points(distances) - self.centres).T
+        ranges: FloatArray = np.hypot(x, y)
+        return ranges
+
+    def points(self, distances: FloatArray) -> FloatArray:
+        """Points (k, 2) of the world at `distances` (k,) m along the beams."""
+        return self.origins + distances[:, None] * self.directions
+
+
+def x4_beams(
+    raw_angles: FloatArray, poses: FloatArray, mounting: tuple[float, float, float]
+) -> Beams:
+    """Return the beams at raw angles (k,) rad, clockwise, of an X4 on a robot at poses (k, 3).
+
+    mounting: the lidar's x, y (m) and heading (rad) in the robot frame. The laser sits beside the
+    axis and looks inwards: in the frame turned by the raw angle, x along it and y clockwise, the
+    beam is the line y = 21.8 - x 21.8 / 155.3, in mm.
+    """
+    x, y, heading = mounting
+    centres = to_parent(np.tile((x, y), (len(poses), 1)), poses)
+    ahead = poses[:, 2] + heading - raw_angles
+    cosine, sine = np.cos(ahead), np.sin(ahead)
+    along = np.stack((cosine, sine), axis=1)
+    clockwise = np.stack((sine, -cosine), axis=1)
+    inwards = np.hypot(EMITTER_OFFSET_M, CROSSING_M)
+    directions = (CROSSING_M * along - EMITTER_OFFSET_M * clockwise) / inwards
+    return Beams(centres, centres + EMITTER_OFFSET_M * clockwise, directions)
+
+
+@dataclass(frozen=True, slots=True)
+class CylinderHits:
+    """Which cylinder each beam meets first.
+
+    distances (k,) m along the beam, inf where it meets none; misses (k,) m: how far off the
+    cylinder's axis the beam passes; index (k,): which cylinder, meaningless where none.
+    """
+
+    distances: FloatArray
+    misses: FloatArray
+    index: IntArray
+
+
+def meet_cylinders(beams: Beams, axes: FloatArray, radius: float) -> CylinderHits:
+    """Meet cylinders of one radius (m) whose axes stand at (k, m, 2), or none at all (m = 0)."""
+    count, cylinders = axes.shape[:2]
+    if not cylinders:
+        nothing = np.full(count, np.inf)
+        return CylinderHits(nothing, nothing, np.zeros(count, dtype=np.int64))
+    x = axes[..., 0] - beams.origins[:, :1]
+    y = axes[..., 1] - beams.origins[:, 1:]
+    ux, uy = beams.directions[:, :1], beams.directions[:, 1:]
+    along = ux * x + uy * y
+    off = ux * y - uy * x
+    inside = radius**2 - off**2
+    met = (inside > 0.0) & (along > 0.0)
+    distances = np.where(met, along - np.sqrt(np.maximum(inside, 0.0)), np.inf)
+    index = np.argmin(distances, axis=1)
+    each = np.arange(count)
+    return CylinderHits(distances[each, index], np.abs(off[each, index]), index)
+
+
+@dataclass(frozen=True, slots=True)
+class WallHits:
+    """Where beams from inside meet the walls.
+
+    distances (k,) m along the beam; incidence_cosines (k,): 1 straight on, 0 grazing;
+    places (k,) m: the point's way along the walls, from 0 to their whole length.
+    """
+
+    distances: FloatArray
+    incidence_cosines: FloatArray
+    places: FloatArray
+
+
+def meet_walls(beams: Beams, half_side_m: float) -> WallHits:
+    """Meet the four walls of the square room |x|, |y| <= half_side_m."""
+    with np.errstate(divide="ignore"):
+        ways = (np.copysign(half_side_m, beams.directions) - beams.origins) / beams.directions
+    wall = np.argmin(ways, axis=1)  # 0: met at x = ±half a side, 1: at y
+    each = np.arange(len(wall))
+    distances = ways[each, wall]
+    points = beams.points(distances)
+    side = 2 * wall + (beams.directions[each, wall] > 0.0)
+    places = (2 * side + 1) * half_side_m + points[each, 1 - wall]
+    return WallHits(distances, np.abs(beams.directions[each, wall]), places)

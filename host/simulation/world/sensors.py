@@ -1,0 +1,256 @@
+"""What the sensors of one robot in the arena would measure, with their noise and their failures.
+
+Random numbers are drawn one per sample, step or frame, from a generator of each purpose: what a
+sensor measures does not depend on the pieces in which it is asked.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from host.config import Lidar as LidarConfig
+from host.config import Wheels
+from host.geometry import to_frame, wrap
+from host.messages import Bearings, BoolArray, FloatArray, IntArray
+from host.simulation.world.arena import FORGET_STEPS, STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.raycast import Beams, WallHits, meet_cylinders, meet_walls, x4_beams
+from host.simulation.world.scenarios import Scenario
+
+RANGE_LIMITS_M = (0.12, 10.0)
+# Standard deviations over still targets, measured on X4s; no figure beyond 6 m.
+NOISE_RANGES_M = np.array([0.3, 0.75, 1.25, 1.75, 2.5, 5.0, 10.0])
+NOISE_STDS_M = np.array([0.0007, 0.0014, 0.0017, 0.003, 0.005, 0.016, 0.04])
+DARK_CELL_M = 0.05
+DARK_RUN_CELLS = 8.0
+
+
+class Lidar:
+    """The X4 on one robot: ranges of samples taken one after another.
+
+    Teammates and posts are cylinders of a turret's width; a teammate's turret stands at its
+    robot's origin.
+    """
+
+    def __init__(
+        self, arena: Arena, observer: int, scenario: Scenario, config: LidarConfig
+    ) -> None:
+        self._arena = arena
+        self._observer = observer
+        self._others = np.delete(np.arange(arena.count), observer)
+        self._mounting = (config.x_m, config.y_m, config.heading_rad)
+        self._pillars = config.blind_sectors
+        self._scenario = scenario
+        self._noise = scenario.generator("lidar range")
+        self._rim = scenario.generator("lidar rim")
+        self._dropouts = _runs(
+            scenario.generator("lidar dropouts"), scenario.dropout_share, scenario.dropout_run
+        )
+        self._dropped: BoolArray = np.zeros(0, dtype=bool)
+        self._dark = _dark_cells(scenario)
+        random = scenario.generator("lidar interference")
+        self._spin_hz = scenario.lidar_turn_hz + random.normal(0.0, 0.2, arena.count)
+        self._spin_start = random.uniform(-math.pi, math.pi, arena.count)
+
+    def ranges(self, times: FloatArray, raw_angles: FloatArray) -> FloatArray:
+        """Ranges (k,) m, 0 without a return, at times (k,) s and raw angles (k,) rad, clockwise.
+
+        Call with every sample once and in order. The range is that of the point on the beam from
+        the lidar's axis, so the X4's angle correction gives its true bearing.
+        """
+        poses = self._arena.poses(times)
+        own = poses[:, self._observer]
+        beams = x4_beams(raw_angles, own, self._mounting)
+        turrets = poses[:, self._others, :2]
+        posts = np.broadcast_to(self._arena.posts, (len(times), *self._arena.posts.shape))
+        hits = meet_cylinders(beams, np.concatenate((turrets, posts), axis=1), TURRET_RADIUS_M)
+        walls = meet_walls(beams, self._arena.half_side_m)
+        on_wall = walls.distances < hits.distances
+        distances = np.where(on_wall, walls.distances, hits.distances)
+        null = on_wall & self._lost_on_wall(walls)
+
+        rim = hits.misses > TURRET_RADIUS_M - 1e-3 * self._scenario.edge_mrad * distances
+        luck = self._rim.random(len(times))
+        mixed = ~on_wall & rim & (luck < self._scenario.mixed_share)
+        null |= ~on_wall & rim & ~mixed
+        behind = np.minimum(walls.distances - distances, 0.3)
+        share = luck / max(self._scenario.mixed_share, 1e-9)
+        distances = np.where(mixed, distances + share * behind, distances)
+
+        ranges = beams.ranges(distances)
+        null |= self._behind_pillar(beams, distances, own)
+        null |= self._disturbed(times, beams, poses)
+        null |= self._take_dropouts(len(times))
+        ranges += self._range_noise(ranges)
+        low, high = RANGE_LIMITS_M
+        ranges[null | (ranges < low) | (ranges > high)] = 0.0
+        return ranges
+
+    def _range_noise(self, ranges: FloatArray) -> FloatArray:
+        std = np.interp(ranges, NOISE_RANGES_M, NOISE_STDS_M)
+        noise: FloatArray = self._scenario.range_noise * std * self._noise.standard_normal(len(std))
+        return noise
+
+    def _lost_on_wall(self, walls: WallHits) -> BoolArray:
+        cells = np.minimum((walls.places / DARK_CELL_M).astype(np.intp), len(self._dark) - 1)
+        grazing = walls.incidence_cosines < math.cos(math.radians(self._scenario.grazing_deg))
+        lost: BoolArray = self._dark[cells] | grazing
+        return lost
+
+    def _behind_pillar(self, beams: Beams, distances: FloatArray, own: FloatArray) -> BoolArray:
+        x, y = (beams.points(distances) - beams.centres).T
+        bearings = np.arctan2(y, x) - own[:, 2]
+        hidden: BoolArray = np.zeros(len(bearings), dtype=bool)
+        for pillar in self._pillars:
+            hidden |= np.abs(wrap(bearings - pillar.centre_rad)) < 0.5 * pillar.width_rad
+        return hidden
+
+    def _disturbed(self, times: FloatArray, beams: Beams, poses: FloatArray) -> BoolArray:
+        """Where another X4 dazzles this one: each aims at the other (Perera 2021, section 3.2).
+
+        Both turn at nearly the same rate, so nulls come and go with the slow beat of the two.
+        """
+        width = math.cos(math.radians(self._scenario.interference_deg))
+        offset = poses[:, self._others, :2] - beams.centres[:, None]
+        toward = offset / np.hypot(offset[..., 0], offset[..., 1])[..., None]
+        aimed = np.einsum("kmd,kd->km", toward, beams.directions) > width
+        sample, other = np.nonzero(aimed)
+        robot = self._others[other]
+        turned = 2.0 * math.pi * self._spin_hz[robot] * times[sample] + self._spin_start[robot]
+        angle = poses[sample, robot, 2] - turned
+        x, y = toward[sample, other].T
+        back = -(x * np.cos(angle) + y * np.sin(angle)) > width
+        disturbed: BoolArray = np.zeros(len(times), dtype=bool)
+        disturbed[sample[back]] = True
+        return disturbed
+
+    def _take_dropouts(self, count: int) -> BoolArray:
+        while len(self._dropped) < count:
+            self._dropped = np.concatenate((self._dropped, next(self._dropouts)))
+        taken, self._dropped = self._dropped[:count], self._dropped[count:]
+        return taken
+
+
+def _runs(random: np.random.Generator, share: float, run: float) -> Iterator[BoolArray]:
+    """Blocks of a two-state Markov chain that is true for `share` of the time, `run` at once."""
+    if share == 0.0:
+        while True:
+            yield np.zeros(1024, dtype=bool)
+    gap = max(run * (1.0 - share) / share, 1.0)
+    while True:
+        lengths = np.stack((random.geometric(1.0 / gap, 64), random.geometric(1.0 / run, 64)), 1)
+        yield np.repeat(np.tile([False, True], 64), lengths.ravel())
+
+
+def _dark_cells(scenario: Scenario) -> BoolArray:
+    """Which cells along the walls are too dark: the same chain, along the room's perimeter."""
+    if scenario.dark_wall_share in (0.0, 1.0):
+        return np.full(1, bool(scenario.dark_wall_share))
+    chain = _runs(scenario.generator("dark walls"), scenario.dark_wall_share, DARK_RUN_CELLS)
+    cells = math.ceil(4.0 * scenario.side_m / DARK_CELL_M)
+    dark = np.zeros(0, dtype=bool)
+    while len(dark) < cells:
+        dark = np.concatenate((dark, next(chain)))
+    return dark[:cells]
+
+
+class Camera:
+    """The two fisheye cameras of one robot, as one sensor of bearings all around."""
+
+    def __init__(self, arena: Arena, observer: int, scenario: Scenario) -> None:
+        self._arena = arena
+        self._observer = observer
+        self._others = np.delete(np.arange(arena.count), observer)
+        self._scenario = scenario
+        # No filter is told that a bearing is exact.
+        self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
+        self._random = scenario.generator("camera")
+
+    def bearings(self, time: float) -> Bearings:
+        """Return what an image pair taken at `time` (s) shows; call once a frame, in order.
+
+        The variances are those of the scenario's noise. False blobs have identity -1.
+        """
+        scenario = self._scenario
+        (poses,) = self._arena.poses(np.array([time]))
+        own = poses[self._observer]
+        teammates = to_frame(poses[self._others, :2], own)
+        cylinders = np.concatenate((teammates, to_frame(self._arena.posts, own)))
+        chance = self._detection_probability(teammates) * ~hidden(cylinders)[: len(teammates)]
+        seen = self._random.random(len(chance)) < chance
+        noise = math.radians(scenario.bearing_noise_deg) * self._random.standard_normal(len(chance))
+        true = np.arctan2(teammates[:, 1], teammates[:, 0])
+        blobs = self._random.uniform(-math.pi, math.pi, self._random.poisson(scenario.false_blobs))
+        bearings = np.concatenate((wrap(true + noise)[seen], blobs))
+        identities: IntArray = np.concatenate((self._others[seen], np.full(len(blobs), -1)))
+        order = self._random.permutation(len(bearings))
+        variances = np.full(len(bearings), self._variance)
+        return Bearings(time, bearings[order], variances, identities=identities[order])
+
+    def _detection_probability(self, positions: FloatArray) -> FloatArray:
+        """Perera 2021 eq. 30 with its greatest value and half-point as parameters."""
+        scenario = self._scenario
+        excess = np.hypot(positions[:, 0], positions[:, 1]) - scenario.camera_half_range_m
+        probability: FloatArray = scenario.camera_detection / (
+            1.0 + np.exp(np.minimum(scenario.camera_steepness_per_m * excess, 50.0))
+        )
+        return probability
+
+
+def hidden(positions: FloatArray) -> BoolArray:
+    """Which cylinders (n, 2) have their axis behind a nearer one, seen from the origin."""
+    distance = np.hypot(positions[:, 0], positions[:, 1])
+    bearing = np.arctan2(positions[:, 1], positions[:, 0])
+    half_width = np.arcsin(np.minimum(TURRET_RADIUS_M / distance, 1.0))
+    covered = np.abs(wrap(bearing[:, None] - bearing)) < half_width
+    behind: BoolArray = np.any(covered & (distance < distance[:, None]), axis=1)
+    return behind
+
+
+class Encoders:
+    """The wheel encoders of one robot: what its wheels turned, with slip."""
+
+    def __init__(self, arena: Arena, observer: int, scenario: Scenario, wheels: Wheels) -> None:
+        self._arena = arena
+        self._observer = observer
+        self._half_track = 0.5 * wheels.track_m
+        radii = np.array([wheels.left_radius_m, wheels.right_radius_m])
+        self._counts_per_m = wheels.counts_per_turn / (2.0 * math.pi * radii)
+        self._random = scenario.generator("wheel slip")
+        self._keep = math.exp(-STEP_S / scenario.slip_seconds)
+        self._kick = scenario.wheel_slip * math.sqrt(1.0 - self._keep**2)
+        self._slip = scenario.wheel_slip * self._random.standard_normal(2)
+        self._counts = [np.zeros(2)]  # at every step of the arena from `_first` on
+        self._first = 0
+
+    def ticks(self, time: float) -> tuple[int, int]:
+        """Encoder counts (left, right) since time 0, at `time` (s) or the oldest not forgotten."""
+        index = max(time / STEP_S, self._first)
+        before = int(index)
+        self._extend(before + 1)
+        begin, end = self._counts[before - self._first : before - self._first + 2]
+        left, right = np.floor(begin + (index - before) * (end - begin))
+        return int(left), int(right)
+
+    def forget(self, before: float) -> None:
+        """Forget counts of times before `before` (s), now or later."""
+        old = min(int(before / STEP_S) - self._first, len(self._counts) - 1)
+        if old >= FORGET_STEPS:
+            del self._counts[:old]
+            self._first += old
+
+    def _extend(self, step: int) -> None:
+        """Count up to a step: each wheel's slip drifts and comes back to none."""
+        known = self._first + len(self._counts) - 1
+        if step <= known:
+            return
+        self._arena.advance(step * STEP_S)
+        track = self._arena.track(self._observer, known)[: step - known + 1]
+        turn = np.diff(track[:, 2])
+        middle = track[:-1, 2] + 0.5 * turn
+        travel = np.diff(track[:, 0]) * np.cos(middle) + np.diff(track[:, 1]) * np.sin(middle)
+        sideways = self._half_track * turn
+        for wheels in np.stack((travel - sideways, travel + sideways), axis=1):
+            counted = self._counts_per_m * wheels * (1.0 + self._slip)
+            self._counts.append(self._counts[-1] + counted)
+            self._slip = self._keep * self._slip + self._kick * self._random.standard_normal(2)

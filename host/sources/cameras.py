@@ -1,0 +1,42 @@
+"""A camera as a source of bearings: its driver's pictures, searched for strips as they come."""
+
+import dataclasses
+import threading
+from collections.abc import Callable
+
+from host.config import Camera, Eye
+from host.drivers.camera.driver import CameraDriver, Picture
+from host.messages import Health, Message
+from host.perception.red_strip import StripFinder
+
+
+class StripCamera:
+    """One camera, "front" or "rear": `run` it in a thread."""
+
+    def __init__(self, name: str, camera: Camera, eye: Eye) -> None:
+        self._driver = CameraDriver(f"{name} camera", eye, camera.delay_s)
+        self._finder = StripFinder(camera, eye, name=name)
+
+    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+        """Emit Bearings of each picture, and the driver's Health with the search's counts."""
+
+        def take(message: Picture | Health) -> None:
+            if isinstance(message, Health):
+                counts = {**message.counts, **self._finder.counts}
+                emit(dataclasses.replace(message, counts=counts))
+                return
+            bearings = self._finder.find(message.jpeg, message.time)
+            if bearings is not None:
+                emit(bearings)
+
+        self._driver.run(take, stop)
+
+
+def cameras(config: Camera) -> dict[str, StripCamera]:
+    """The cameras that have a source, by the name that Health calls them."""
+    eyes = {"front": config.front, "rear": config.rear}
+    return {
+        f"{name} camera": StripCamera(name, config, eye)
+        for name, eye in eyes.items()
+        if eye.source != "none"
+    }

@@ -1,0 +1,81 @@
+"""The devices of a live run: the robot's own, or simulated ones."""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from host.config import RobotConfig
+from host.drivers.natnet.client import NatNetClient
+from host.drivers.romeo.device import Romeo
+from host.drivers.x4.device import X4
+from host.errors import UserError
+from host.messages import Truth
+from host.pipeline import Source
+from host.simulation.devices.board import best_board
+from host.simulation.live import Interval, LiveSimulation
+from host.simulation.world import scenarios
+from host.sources.cameras import cameras
+from host.sources.ceiling import CeilingCamera
+from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
+
+MOCAP = "motion capture"
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What a run consists of: the devices, the configuration in effect, and truth if known.
+
+    simulated_board: of a simulation, what stands in for the board, in words.
+    """
+
+    title: str
+    config: RobotConfig
+    sensors: str
+    sources: Mapping[str, Source]
+    scenario: str | None = None
+    simulated_board: str | None = None
+    truth: Callable[[float], Truth] | None = None
+
+
+def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
+    """The robot's own devices. Raises UserError where cameras are wanted and none is named."""
+    eyes = {} if sensors == LIDAR_ONLY else cameras(robot.camera)
+    if sensors == LIDAR_AND_CAMERA and not eyes:
+        raise UserError(
+            "there is no camera to use",
+            'source is "none" in [camera.front] and [camera.rear] of robot.toml',
+            "name their sources there (docs/cameras.md), or use --sensors lidar",
+        )
+    sources = {**_drivers(robot), **eyes, **_motion_capture(robot)}
+    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if eyes else LIDAR_ONLY, sources)
+
+
+def _drivers(robot: RobotConfig) -> dict[str, Source]:
+    return {"lidar": X4(robot.lidar), "board": Romeo(robot)}
+
+
+def simulated_rig(
+    stack: contextlib.ExitStack,
+    robot: RobotConfig,
+    scenario: str,
+    unplug: Mapping[str, Sequence[Interval]],
+    sensors: str,
+) -> Rig:
+    """Simulated devices, which run until `stack` is left."""
+    board = best_board(robot.motors)
+    parsed = scenarios.parse(scenario)
+    live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
+    config = live.config
+    sources = {**_drivers(config), **_motion_capture(config)}
+    if sensors == LIDAR_AND_CAMERA:
+        sources |= cameras(config.camera) if parsed.rendered else {"camera": live.camera}
+    title = f"{scenario} (simulated; board: {board.name})"
+    return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
+
+
+def _motion_capture(robot: RobotConfig) -> dict[str, Source]:
+    if robot.mocap.source == "natnet":
+        return {MOCAP: NatNetClient(robot.mocap.natnet)}
+    if robot.mocap.source == "ceiling":
+        return {MOCAP: CeilingCamera(robot.mocap.ceiling)}
+    return {}

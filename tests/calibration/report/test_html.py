@@ -1,0 +1,278 @@
+"""A calibration as HTML, JSON and console text: the same figures, whole and without surprises."""
+
+import dataclasses
+import json
+import math
+import sys
+import tomllib
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from host.calibration.report.html import as_html, as_json, as_text, write_html
+from host.calibration.result import Calibration, Check, Fitted, Picture, Series
+from host.errors import UserError
+
+DEG = 180.0 / math.pi
+HEADING = Fitted(
+    key="lidar.heading_rad",
+    name="heading of the lidar",
+    value=0.0524,
+    sigma=0.0003,
+    limit=0.00175,
+    before=0.01,
+    halves=(0.0522, 0.0527),
+    unit="deg",
+    scale=DEG,
+)
+NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unit="mm", scale=1e3)
+USED = Check(
+    name="pairs used", value=71.2, threshold=50.0, unit="%", passed=True, advice="(never shown)"
+)
+FLAT = Check(
+    name="delay told from rotation",
+    value=1.2,
+    threshold=3.0,
+    unit="times",
+    passed=False,
+    advice="drive eights & stop <often>",
+)
+PICTURES = (
+    Picture(
+        title="Path $1 <b>",
+        x_label="x_1 / m",
+        y_label="$y / m",
+        caption="where & how",
+        equal=True,
+        series=(
+            Series(x=np.linspace(0, 1, 50), y=np.linspace(0, 2, 50), label="robot", style="line"),
+            Series(x=np.arange(2000.0), y=np.sin(np.arange(2000.0)), label="_mate <&>"),
+        ),
+    ),
+    Picture(
+        title="By range",
+        x_label="range / m",
+        y_label="pairs",
+        series=(
+            Series(x=np.arange(3.0), y=np.array([1.0, math.nan, math.inf]), style="bars"),
+            Series(x=np.zeros(0), y=np.zeros(0), label="none"),
+        ),
+    ),
+)
+
+
+def calibration(*checks: Check, pictures: tuple[Picture, ...] = ()) -> Calibration:
+    return Calibration(
+        kind="lidar",
+        fitted=(HEADING, NOISE),
+        checks=checks,
+        residuals="rms 2.1 mm over 812 pairs, 71 % of them used",
+        pictures=pictures,
+        settings={"lidar.blind_sectors": [{"centre_rad": np.float64(0.5), "width_rad": 0.1}]},
+        figures={"share": np.float32(0.25), "by_range_m": {1: math.nan}},
+    )
+
+
+class Page(HTMLParser):
+    """The words of a page, and whether its elements close as they should."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            assert name != "src"
+            assert name not in ("href", "xlink:href") or (value or "").startswith(("#", "data:"))
+        if tag != "meta":
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if data.strip():
+            self.words.append(data.strip())
+
+
+def page_of(fit: Calibration, source: str = "run.swarmloc") -> Page:
+    page = Page(as_html(fit, source, "2026-11-22", "robots/mine.toml"))
+    assert not page.open
+    return page
+
+
+def svgs(text: str) -> list[str]:
+    return [
+        part[: part.index("</svg>") + 6] for part in ("<svg" + p for p in text.split("<svg")[1:])
+    ]
+
+
+def test_a_fit_that_passes_says_so_and_shows_every_figure() -> None:
+    words = page_of(calibration(USED)).words
+    assert "✓ Passed" in words
+    for expected in (
+        *("Calibration: lidar", "robots/mine.toml · from run.swarmloc · 2026-11-22"),
+        *("heading of the lidar", "lidar.heading_rad", "3.002 ± 0.017 deg", "0.1 deg"),
+        *("0.573", "2.991", "3.019", "4.1 mm", "71.2 %", "≥ 50 %"),
+        "Residuals: rms 2.1 mm over 812 pairs, 71 % of them used",
+    ):
+        assert expected in words
+    assert "(never shown)" not in " ".join(words)
+    (written,) = (word for word in words if "centre_rad" in word)  # may be copied as it stands
+    assert tomllib.loads(written) == {
+        "lidar": {
+            "heading_rad": 0.0524,
+            "blind_sectors": [{"centre_rad": 0.5, "width_rad": 0.1}],
+        }
+    }
+
+
+def test_a_fit_that_fails_says_why_and_what_to_do() -> None:
+    words = page_of(calibration(USED, FLAT)).words
+    assert "✗ Not to be used" in words
+    assert "delay told from rotation: drive eights & stop <often>" in words
+    assert words.count("✗ fails") == 1
+
+
+@given(st.text(), st.text())
+def test_words_from_elsewhere_stay_words(source: str, advice: str) -> None:
+    check = Check(name=source, value=1.0, threshold=2.0, unit="m", passed=False, advice=advice)
+    text = as_html(calibration(check), source, "2026-11-22", advice)
+    tags = as_html(calibration(FLAT), "", "2026-11-22", "").count("<")
+    assert text.count("<") == tags
+    assert not Page(text).open
+
+
+def test_pictures_are_drawn_within_the_page_and_alike_each_time() -> None:
+    pytest.importorskip("matplotlib")
+    first = as_html(calibration(pictures=PICTURES), "a", "b", "c")
+    assert first == as_html(calibration(pictures=PICTURES), "a", "b", "c")
+    drawn = svgs(first)
+    assert len(drawn) == 2
+    ids = []
+    for element in drawn:
+        tree = ET.fromstring(element)
+        ids += [found for part in tree.iter() if (found := part.get("id"))]
+    assert len(ids) == len(set(ids))
+    assert "2026" not in "".join(drawn)
+    words = page_of(calibration(pictures=PICTURES)).words
+    assert "Path $1 <b>" in words
+    assert "where & how" in words
+
+
+def test_pictures_hold_every_point_that_is_a_number() -> None:
+    pytest.importorskip("matplotlib")
+    x = np.array([0.0, 1.0, math.nan, 3.0, math.inf])
+    picture = Picture(title="t", x_label="x", y_label="y", series=(Series(x=x, y=np.arange(5.0)),))
+    (element,) = svgs(as_html(calibration(pictures=(picture,)), "a", "b", "c"))
+    colour = "#0072b2"
+    marks = [
+        part
+        for part in ET.fromstring(element).iter("{http://www.w3.org/2000/svg}use")
+        if f"fill: {colour}" in part.get("style", "")
+    ]
+    assert len(marks) == 3
+    apart = np.diff([float(mark.get("x", "nan")) for mark in marks])
+    assert apart[1] == pytest.approx(2.0 * apart[0], abs=1e-3)
+
+
+def test_without_matplotlib_the_page_says_how_to_get_the_pictures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    words = page_of(calibration(USED, pictures=PICTURES)).words
+    assert any("pip install matplotlib" in word for word in words)
+    assert "✓ Passed" in words
+
+
+def test_the_file_is_written_or_the_reason_told(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_html(path, calibration(USED), "run\udc80.swarmloc", "2026-11-22", "mine.toml")
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    with pytest.raises(UserError, match=r"cannot write the report"):
+        write_html(tmp_path / "absent" / "a.html", calibration(), "a", "b", "c")
+
+
+def test_a_value_that_the_drive_cannot_tell_is_told_so_without_a_number() -> None:
+    for sigma in (math.inf, math.nan):
+        row = dataclasses.replace(HEADING, sigma=sigma)
+        assert row.failure == "heading of the lidar cannot be told from this drive"
+
+
+def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
+    found: dict[str, Any] = json.loads(
+        json.dumps(as_json(calibration(USED, FLAT), "run.swarmloc", "2026-11-22"), allow_nan=False)
+    )
+    assert (found["kind"], found["source"]) == ("lidar", "run.swarmloc")
+    assert not found["passed"]
+    assert found["failures"] == ["delay told from rotation: drive eights & stop <often>"]
+    heading, noise = found["fitted"]
+    assert heading["value"] == HEADING.value
+    assert heading["halves"] == list(HEADING.halves or ())
+    assert noise["sigma"] is None
+    assert found["settings"] == {
+        "lidar.heading_rad": HEADING.value,
+        "lidar.blind_sectors": [{"centre_rad": 0.5, "width_rad": 0.1}],
+    }
+    assert found["figures"] == {"share": 0.25, "by_range_m": {"1": None}}
+    assert as_json(calibration(USED), "", "")["passed"] is True
+
+
+def test_the_console_has_80_columns_and_the_verdict_last() -> None:
+    text = as_text(calibration(USED, FLAT))
+    lines = text.split("\n")
+    assert max(len(line) for line in lines) <= 80
+    (heading,) = (line for line in lines if line.startswith("heading"))
+    words = " ".join(heading.split())
+    assert words == "heading of the lidar 3.002 ± 0.017 deg 0.1 deg 0.573 ok"
+    assert text.endswith("not to be used:\n- delay told from rotation: drive eights & stop <often>")
+    assert as_text(calibration(USED)).endswith("\n\npassed")
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "shown"),
+    [
+        (123.456, 7.0, "123.5 ± 7.0 m"),
+        (123.456, 70.0, "123 ± 70 m"),
+        (0.00123456, 0.0000012, "0.0012346 ± 0.0000012 m"),
+        (5.0, 0.0, "5 m"),
+        (5.0, math.inf, "5 m"),
+        (math.nan, 0.1, "nan ± 0.10 m"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_sigma_allows(
+    value: float, sigma: float, shown: str
+) -> None:
+    row = Fitted(key="", name="x", value=value, sigma=sigma, unit="m")
+    fit = Calibration(kind="k", fitted=(row,), checks=(), residuals="")
+    assert shown in as_text(fit)
+    assert shown in as_html(fit, "", "", "")
+
+
+@pytest.mark.parametrize(
+    ("value", "passed", "shown"),
+    [
+        *((4.0, True, "≥ 3 m"), (2.0, False, "≥ 3 m")),
+        *((2.0, True, "≤ 3 m"), (4.0, False, "≤ 3 m")),
+        *((math.nan, False, "3 m"), (3.0, True, "3 m")),
+    ],
+)
+def test_a_check_shows_on_which_side_of_the_threshold_it_passes(
+    value: float, passed: bool, shown: str
+) -> None:
+    check = Check(name="c", value=value, threshold=3.0, unit="m", passed=passed, advice="a")
+    line = as_text(calibration(check)).split("\nc ")[1].split("\n")[0]
+    assert line.split(maxsplit=2 if math.isfinite(value) else 1)[-1].startswith(shown)

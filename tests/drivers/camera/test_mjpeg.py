@@ -1,0 +1,174 @@
+"""The splitter of JPEG streams against pictures of two encoders, and against what is none."""
+
+import io
+import itertools
+import random
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from host.drivers.camera.mjpeg import MAX_BYTES, Splitter, size_of
+
+SEED = 20260
+
+
+def noise(width: int, height: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def by_opencv(width: int, height: int, seed: int, *settings: int) -> bytes:
+    return bytes(cv2.imencode(".jpg", noise(width, height, seed), list(settings))[1])
+
+
+def by_pillow(width: int, height: int, seed: int, **settings: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(noise(width, height, seed)).save(file, "JPEG", **settings)
+    return file.getvalue()
+
+
+def with_segment(jpeg: bytes, code: int, content: bytes) -> bytes:
+    """The picture with one more segment, right after its start."""
+    length = (len(content) + 2).to_bytes(2, "big")
+    return jpeg[:2] + bytes([0xFF, code]) + length + content + jpeg[2:]
+
+
+PLAIN = by_opencv(64, 48, 1)
+THUMBNAIL = by_pillow(16, 16, 2)
+PICTURES = [
+    PLAIN,
+    by_opencv(160, 120, 3, cv2.IMWRITE_JPEG_QUALITY, 92),
+    by_opencv(65, 33, 4, cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+    by_opencv(128, 96, 5, cv2.IMWRITE_JPEG_RST_INTERVAL, 1),
+    by_pillow(80, 40, 6, optimize=True, comment=b"a \xff\xd9 b \xff\xd8\xff c"),
+    with_segment(by_pillow(100, 60, 7), 0xE1, b"Exif\0\0" + THUMBNAIL),
+    with_segment(by_opencv(100, 60, 8), 0xFE, b"\xff\xd9" * 9),
+    PLAIN[:2] + b"\xff\xff\xff" + PLAIN[2:-2] + b"\xff\xff" + PLAIN[-2:],  # filling
+    PLAIN[:-2] + b"\xff\xdc\x00\x04\x00\x30" + PLAIN[-2:],  # the number of lines comes last
+]
+
+
+def split(*pieces: bytes) -> tuple[list[bytes], dict[str, int]]:
+    splitter = Splitter()
+    found = [picture for piece in pieces for picture in splitter.feed(piece)]
+    return found + splitter.finish(), splitter.counts
+
+
+def test_pictures_in_a_row_come_out_as_they_went_in() -> None:
+    found, counts = split(b"".join(PICTURES))
+    assert found == PICTURES
+    assert counts == {"pictures": len(PICTURES), "torn": 0, "bytes_skipped": 0}
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_a_picture_comes_out_with_its_last_byte(picture: bytes) -> None:
+    splitter = Splitter()
+    assert splitter.feed(picture[:-1]) == []
+    assert splitter.feed(picture[-1:]) == [picture]
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_the_size_is_what_decoders_say(picture: bytes) -> None:
+    assert size_of(picture) == Image.open(io.BytesIO(picture)).size
+
+
+@given(
+    sizes=st.lists(st.integers(1, 4000), min_size=1, max_size=40),
+    between=st.lists(st.binary(max_size=30), min_size=len(PICTURES), max_size=len(PICTURES)),
+)
+@settings(derandomize=True, max_examples=60, deadline=None)
+def test_how_the_bytes_are_cut_up_does_not_matter(sizes: list[int], between: list[bytes]) -> None:
+    junk = [piece.replace(b"\xff", b"") for piece in between]
+    stream = b"".join(a + b for a, b in zip(PICTURES, junk, strict=True))
+    ends = [0, *itertools.accumulate(itertools.islice(itertools.cycle(sizes), len(stream)))]
+    pieces = [stream[a:b] for a, b in itertools.pairwise(ends) if a < len(stream)]
+    found, counts = split(*pieces)
+    assert found == PICTURES
+    assert counts["torn"] == 0
+    assert counts["bytes_skipped"] == sum(map(len, junk))
+
+
+def test_a_torn_picture_costs_no_other_one() -> None:
+    """Cut anywhere: what follows is whole again, and a thumbnail is never taken for a picture."""
+    torn, last = PICTURES[5], PICTURES[2]
+    unclear = []
+    for end in range(3, len(torn)):
+        found, _ = split(torn[:end] + PLAIN + last)
+        assert found[-1] == last, end
+        assert THUMBNAIL not in found, end
+        if found != [PLAIN, last]:
+            unclear.append(end)
+    # At few places the torn segment's length leads by chance to a marker of the next picture.
+    assert len(unclear) < 16, unclear
+    assert max(unclear) < torn.rindex(b"\xff\xda") + 20  # within the header
+
+
+def test_a_picture_that_ends_early_is_torn() -> None:
+    for picture in PICTURES:
+        found, counts = split(picture[: len(picture) // 2])
+        assert found == []
+        assert counts == {"pictures": 0, "torn": 1, "bytes_skipped": len(picture) // 2}
+
+
+def test_tables_alone_are_no_picture() -> None:
+    scan = PLAIN.index(b"\xff\xda")
+    found, counts = split(PLAIN[:scan] + b"\xff\xd9" + PLAIN)
+    assert found == [PLAIN]
+    assert counts["torn"] == 1
+
+
+def test_a_picture_without_end_is_given_up() -> None:
+    splitter = Splitter()
+    head = PLAIN[:-2]
+    assert splitter.feed(head + bytes(MAX_BYTES)) == []
+    assert splitter.feed(PLAIN) == [PLAIN]
+    assert splitter.counts["torn"] == 1
+
+
+def test_damage_of_all_kinds_is_counted_and_survived() -> None:
+    print(f"seed {SEED}")
+    rng = random.Random(SEED)
+    alphabet = bytes([0xFF, 0xD8, 0xD9, 0xDA, 0xC0, 0xE1, 0x00, 0x08])
+    for _ in range(1500):
+        base = bytearray(rng.choice(PICTURES[:1] + PICTURES[2:]))
+        for _ in range(rng.randrange(1, 8)):
+            kind, at = rng.randrange(4), rng.randrange(len(base) + 1)
+            if kind == 0 and at < len(base):
+                base[at] ^= 1 << rng.randrange(8)
+            elif kind == 1:
+                del base[at : at + rng.randrange(200)]
+            elif kind == 2:
+                base[at:at] = bytes(rng.choices(alphabet, k=rng.randrange(20)))
+            else:
+                base[at:at] = rng.randbytes(rng.randrange(50))
+        stream = bytes(base) + bytes(70_000) + PLAIN
+        found, counts = split(stream)
+        # After so many zeros no damaged segment reaches into the last picture.
+        assert found[-1] == PLAIN
+        assert counts["pictures"] == len(found)
+        assert counts["bytes_skipped"] + sum(map(len, found)) == len(stream)
+        for picture in found:
+            assert picture in stream
+            assert picture.startswith(b"\xff\xd8\xff")
+            assert picture.endswith(b"\xff\xd9")
+            assert min(size_of(picture)) > 0
+
+
+def test_long_garbage_takes_time_in_proportion_only() -> None:
+    """Every false start is looked at once: the work is counted, not timed."""
+    steps = 0
+
+    class Counting(Splitter):
+        def _advance(self, pictures: list[bytes]) -> bool:
+            nonlocal steps
+            steps += 1
+            return super()._advance(pictures)
+
+    garbage = b"\xff\xd8\xff\xe1\x7f\xff" * 20_000
+    splitter = Counting()
+    for start in range(0, len(garbage), 4096):
+        splitter.feed(garbage[start : start + 4096])
+    assert steps < 4 * 20_000 + 100

@@ -1,0 +1,226 @@
+"""The X4 driver on a real pseudo-terminal, an emulated lidar at its other end."""
+
+import os
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from host.config import Lidar
+from host.drivers.x4 import device as x4
+from host.drivers.x4.commands import DeviceHealth
+from host.drivers.x4.device import X4
+from host.messages import FloatArray, Health, Message, Scan
+from host.simulation.devices.x4 import X4Emulator
+
+PATIENCE_S = 20.0
+
+
+def sense(times: FloatArray, angles: FloatArray) -> FloatArray:
+    return np.where(angles < 5.0, 2.0, 0.0)
+
+
+class Bench:
+    """A link whose target is the pseudo-terminal of an emulated lidar, and a driver on it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "lidar"
+        self.lidar = X4Emulator(sense)
+        self.received = b""
+        self.noise = b""
+        self.messages: list[Message] = []
+        self.errors: list[BaseException] = []
+        self.stop = threading.Event()
+        self._unplug = threading.Event()
+        self._device: threading.Thread | None = None
+        self._driver: threading.Thread | None = None
+
+    def plug(self) -> None:
+        ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(theirs))
+        self._unplug.clear()
+        self._device = threading.Thread(target=self._serve, args=(ours, theirs))
+        self._device.start()
+
+    def unplug(self) -> None:
+        self.path.unlink(missing_ok=True)
+        self._unplug.set()
+        if self._device is not None:
+            self._device.join()
+            self._device = None
+
+    def _serve(self, ours: int, theirs: int) -> None:
+        os.set_blocking(ours, False)
+        while not self._unplug.is_set():
+            try:
+                data = os.read(ours, 256)
+            except BlockingIOError:
+                data = b""
+            self.received += data
+            self.lidar.receive(data, time.monotonic())
+            sent = [chunk for _, chunk in self.lidar.transmit(time.monotonic())]
+            os.write(ours, b"".join(sent) + self.noise)
+            time.sleep(0.002)
+        os.close(theirs)
+        os.close(ours)
+
+    def run(self, **settings: object) -> None:
+        config = Lidar.model_validate({"port": str(self.path), **settings})
+        self._driver = threading.Thread(target=self._drive, args=(X4(config),))
+        self._driver.start()
+
+    def _drive(self, driver: X4) -> None:
+        try:
+            driver.run(self.messages.append, self.stop)
+        except BaseException as error:
+            self.errors.append(error)
+            raise
+
+    def health(self) -> list[Health]:
+        return [message for message in self.messages if isinstance(message, Health)]
+
+    def scans(self) -> list[Scan]:
+        return [message for message in self.messages if isinstance(message, Scan)]
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end, self.messages[-1:]
+            assert not self.errors
+            time.sleep(0.01)
+
+    def wait_reason(self, words: str, ok: bool = False) -> None:
+        self.wait(lambda: any(words in h.reason and h.ok == ok for h in self.health()))
+
+    def close(self) -> None:
+        self.stop.set()
+        if self._driver is not None:
+            self._driver.join()
+        self.unplug()
+        assert not self.errors
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    for wait in ("_REPLY_WAIT_S", "_SPIN_UP_S", "_SILENCE_S"):
+        monkeypatch.setattr(x4, wait, 0.4)
+    rig = Bench(tmp_path)
+    yield rig
+    rig.close()
+
+
+def test_scans_come_and_the_lidar_is_stopped_at_the_end(bench: Bench) -> None:
+    bench.plug()
+    bench.run()
+    bench.wait(lambda: len(bench.scans()) >= 4)
+    bench.wait_reason("scanning at", ok=True)
+    now = time.monotonic()
+    scan = bench.scans()[-2]
+    assert 650 < len(scan.ranges) < 780
+    assert set(scan.ranges.tolist()) == {0.0, 2.0}
+    assert now - 1.0 < scan.time <= now
+    assert np.diff(scan.times) == pytest.approx(0.0002)
+    state = bench.health()[-1]
+    assert state.device == "lidar"
+    assert "firmware 1.5" in state.reason
+    assert "motor stays on" in state.reason  # a pseudo-terminal has no DTR
+    assert state.counts["packets"] > 0
+    bench.stop.set()
+    bench.wait(lambda: bench.received.endswith(b"\xa5\x65"))
+
+
+def test_the_configured_delay_is_taken_off(bench: Bench) -> None:
+    bench.plug()
+    bench.run(delay_s=0.9)
+    bench.wait(lambda: len(bench.scans()) >= 1)
+    now = time.monotonic()
+    scan = bench.scans()[0]
+    assert now - 1.9 < scan.time < now - 0.9
+    assert scan.times[-1] == scan.time
+
+
+def test_absent_then_plugged_then_pulled_then_back(bench: Bench) -> None:
+    bench.run()
+    bench.wait_reason("no such device")
+    bench.plug()
+    bench.wait(lambda: len(bench.scans()) >= 2)
+    bench.unplug()
+    bench.wait_reason("the connection was lost")
+    count = len(bench.scans())
+    bench.lidar = X4Emulator(sense, seed=1)
+    bench.plug()
+    bench.wait(lambda: len(bench.scans()) >= count + 2)
+    bench.wait(lambda: bench.health()[-1].ok)
+    assert bench.health()[-1].counts["connections"] == 2
+    times = np.concatenate([scan.times for scan in bench.scans()])
+    assert (np.diff(times) > -0.01).all()
+
+
+def test_a_motor_without_power_is_named(bench: Bench) -> None:
+    bench.lidar.motor_powered = False
+    bench.plug()
+    bench.run()
+    bench.wait_reason("answers but sends no samples\nits motor does not turn")
+    assert "POWER" in bench.health()[-1].reason
+    bench.lidar.motor_powered = True
+    bench.wait_reason("scanning", ok=True)
+    bench.lidar.motor_powered = False
+    bench.wait_reason("the lidar stopped sending")
+
+
+def test_a_dead_lidar_is_named(bench: Bench) -> None:
+    bench.lidar.answers = False
+    bench.plug()
+    bench.run()
+    bench.wait_reason("the lidar does not answer")
+
+
+def test_damage_of_before_does_not_make_a_dead_lidar_a_noisy_one(bench: Bench) -> None:
+    bench.lidar.corrupt_share = 0.4
+    bench.plug()
+    bench.run()
+    bench.wait_reason("% of the packets are damaged")
+    bench.unplug()
+    bench.lidar = X4Emulator(sense)
+    bench.lidar.answers = False
+    bench.plug()
+    bench.wait_reason("the lidar does not answer")
+    assert not any("make no sense" in health.reason for health in bench.health())
+
+
+def test_another_device_on_the_port_is_named(bench: Bench) -> None:
+    bench.lidar.answers = False
+    bench.noise = b"$GPGGA,1\n"
+    bench.plug()
+    bench.run()
+    bench.wait_reason("bytes make no sense")
+
+
+def test_a_fault_of_the_lidar_is_named(bench: Bench) -> None:
+    bench.lidar.health = DeviceHealth(status=2, error=0x21)
+    bench.plug()
+    bench.run()
+    bench.wait_reason("the lidar reports a fault\nits error code is 0x0021")
+
+
+def test_damaged_packets_are_named(bench: Bench) -> None:
+    bench.lidar.corrupt_share = 0.4
+    bench.plug()
+    bench.run()
+    bench.wait_reason("% of the packets are damaged")
+    bench.lidar.corrupt_share = 1.0
+    bench.wait_reason("only damaged packets")
+
+
+def test_a_busy_port_is_named(bench: Bench) -> None:
+    bench.plug()
+    with x4.open_port(str(bench.path), 128_000):
+        bench.run()
+        bench.wait_reason("another program has it open")
+    bench.wait_reason("scanning", ok=True)
