@@ -102,7 +102,7 @@ class Lidar(Section):
     blind_sectors: BlindSectors = Field(default_factory=_pillars)
 
 
-class Eye(Section):
+class Camera(Section):
     """One camera: where its pictures come from, its lens, its mounting in the robot frame.
 
     Pixel (0, 0) is the middle of the upper left one; x to the right, y down. A ray at the angle t
@@ -140,7 +140,7 @@ class Strip(Section):
     value_min: float = Field(0.12, ge=0.0, le=1.0)
 
 
-class Camera(Section):
+class Cameras(Section):
     """The cameras, as sensors of bearings, and what they look for."""
 
     delay_s: float = Field(0.15, ge=0.0, le=2.0)
@@ -151,12 +151,12 @@ class Camera(Section):
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
     clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs a picture
     use_ranges: bool = False  # what a strip's size says of its range
-    front: Eye = Eye()
-    rear: Eye = Eye(heading_rad=math.pi)
+    front: Camera = Camera()
+    rear: Camera = Camera(heading_rad=math.pi)
     strip: Strip = Strip()
 
 
-class Filter(Section):
+class FilterSettings(Section):
     """Which filter runs, and the settings of `phd` (docs/filters.md tells how they were chosen)."""
 
     profile: Literal["phd", "perera2021"] = "phd"
@@ -200,7 +200,7 @@ class Ceiling(Section):
     """
 
     delay_s: float = Field(0.0, ge=0.0, le=2.0)
-    eye: Eye = Eye(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
+    eye: Camera = Camera(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
     tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
     tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
     dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
@@ -231,8 +231,8 @@ class RobotConfig(Section):
     motors: Motors = Motors()
     board: Board = Board()
     lidar: Lidar = Lidar()
-    camera: Camera = Camera()
-    filter: Filter = Filter()
+    camera: Cameras = Cameras()
+    filter: FilterSettings = FilterSettings()
     mocap: Mocap = Mocap()
 
 

@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from host.config import Eye, RobotConfig
+from host.config import Camera, RobotConfig
 from host.drivers.romeo.differential_drive import displacement
 from host.messages import Bearings, BoolArray, Displacement, Message, Scan
 from host.perception.lens import View
@@ -81,6 +81,6 @@ def _part(message: Bearings, chosen: BoolArray) -> Bearings:
     return dataclasses.replace(message, **kept)
 
 
-def _placed(eye: Eye) -> Eye:
+def _placed(eye: Camera) -> Camera:
     """What of a camera matters to bearings."""
     return eye.model_copy(update={"source": "none", "rate_hz": 30.0})

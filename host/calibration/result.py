@@ -78,7 +78,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class ReportPicture:
     """A diagram of the report. caption: what one sees in it. equal: both axes to one scale."""
 
     title: str
@@ -103,7 +103,7 @@ class Calibration:
     fitted: tuple[Fitted, ...]
     checks: tuple[Check, ...]
     residuals: str
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[ReportPicture, ...] = ()
     warnings: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)

@@ -11,7 +11,7 @@ import numpy as np
 from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
 from host.cli.options import json_option, robot, robot_option, write_json
-from host.config import Camera, Eye, Strip
+from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.perception.jpeg_decoder import Image, UnusableError, fastest_decoder, read_header
 from host.perception.red_strip import Blob, StripFinder
@@ -81,7 +81,7 @@ def colour(
             param_hint="--box",
         )
     camera = robot(robot_path).camera
-    eye: Eye = getattr(camera, eye_name)
+    eye: Camera = getattr(camera, eye_name)
     jpegs = [strip_colour.read_picture(path) for path in images]
     pixels = _strip_pixels(images, jpegs, boxes, camera, eye, eye_name)
     strip = strip_colour.learn(pixels, camera.strip)
@@ -117,8 +117,8 @@ def _strip_pixels(
     images: tuple[Path, ...],
     jpegs: list[bytes],
     boxes: list[Box],
-    camera: Camera,
-    eye: Eye,
+    camera: Cameras,
+    eye: Camera,
     eye_name: str,
 ) -> Image:
     """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""

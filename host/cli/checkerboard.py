@@ -13,7 +13,7 @@ from host.calibration.camera.checkerboard import (
     find_corners,
     fit_lens,
 )
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.errors import UserError
 
 _SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -59,12 +59,12 @@ board_option = click.option(
 
 
 def lenses(
-    folders: dict[str, Path], board: tuple[int, int, float], camera: Camera
+    folders: dict[str, Path], board: tuple[int, int, float], camera: Cameras
 ) -> dict[str, LensFit]:
     """The lens of each eye, by its pictures. Raises UserError where these cannot tell it."""
     found = {}
     for name, folder in folders.items():
-        eye: Eye = getattr(camera, name)
+        eye: Camera = getattr(camera, name)
         found[name] = fit_lens(_views(folder, board, eye), eye)
         click.echo(
             f"{name} camera: lens fitted to {len(found[name].errors)} pictures, rms "
@@ -73,7 +73,7 @@ def lenses(
     return found
 
 
-def _views(folder: Path, board: tuple[int, int, float], eye: Eye) -> list[BoardView]:
+def _views(folder: Path, board: tuple[int, int, float], eye: Camera) -> list[BoardView]:
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
     if not paths:
         raise UserError(

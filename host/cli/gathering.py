@@ -18,7 +18,7 @@ from host.estimator import profiles
 from host.localizer import Localizer
 from host.messages import Health, Message
 from host.pipeline import Pipeline, Sink
-from host.recording.log import Header, Recorder, Recording
+from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions.runs import find, read_as
 from host.simulation.offline import Simulation
 from host.simulation.world import scenarios
@@ -107,7 +107,7 @@ def _drive(
     sinks: dict[str, Sink] = {"calibration": gathered.take, "screen": note}
     localizer = Localizer(rig.config, profiles.make(rig.config.filter.profile, rig.config))
     with contextlib.ExitStack() as stack:
-        recorder = Recorder(record, Header(rig.config, rig.sensors, rig.scenario))
+        recorder = Recorder(record, RecordingHeader(rig.config, rig.sensors, rig.scenario))
         sinks["recording"] = stack.enter_context(recorder).write
         click.echo(f"{rig.title}: drive the robot; Ctrl-C ends and fits", err=True)
         begin = time.monotonic()

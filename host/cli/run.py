@@ -21,7 +21,7 @@ from host.estimator import profiles
 from host.evaluation.runner import Timed
 from host.localizer import Localizer
 from host.pipeline import Pipeline, Sink
-from host.recording.log import Header, Recorder
+from host.recording.log import Recorder, RecordingHeader
 from host.simulation.live import Interval
 from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
@@ -145,7 +145,7 @@ def _run(
     with contextlib.ExitStack() as stack:
         sinks: dict[str, Sink] = {"summary": tally.take}
         if record is not None:
-            header = Header(rig.config, rig.sensors, rig.scenario)
+            header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
             recorder = stack.enter_context(Recorder(record, header))
             sinks["recording"] = recorder.write
             title += f"   recording {record.name}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.recording.log import SUFFIX, Header, Recorder
+from host.recording.log import SUFFIX, Recorder, RecordingHeader
 from host.sessions.runs import simulated
 from host.simulation.world import scenarios
 from host.sources.sensors import LIDAR_AND_CAMERA
@@ -41,7 +41,7 @@ def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Pa
     begin, done = time.monotonic(), 0.0
     # Before the file: what cannot be simulated leaves none.
     simulation, messages = simulated(parsed, robot)
-    header = Header(simulation.config, LIDAR_AND_CAMERA, scenario)
+    header = RecordingHeader(simulation.config, LIDAR_AND_CAMERA, scenario)
     with (
         Recorder(output, header) as recorder,
         click.progressbar(length=round(10 * parsed.seconds), file=sys.stderr) as bar,

@@ -10,7 +10,7 @@ Every step is linear in the number of components. docs/filters.md derives it.
 
 import numpy as np
 
-from host.config import Camera, Filter, Lidar
+from host.config import Cameras, FilterSettings, Lidar
 from host.estimator.gaussian_mixture import (
     PXX,
     PXY,
@@ -52,13 +52,13 @@ class PhdFilter:
 
     def __init__(
         self,
-        settings: Filter | None = None,
+        settings: FilterSettings | None = None,
         lidar: Lidar | None = None,
-        camera: Camera | None = None,
+        camera: Cameras | None = None,
     ) -> None:
-        self._settings = settings or Filter()
+        self._settings = settings or FilterSettings()
         self._lidar = LidarModel(lidar or Lidar())
-        camera = camera or Camera()
+        camera = camera or Cameras()
         self._camera = CameraModel(camera)
         self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
         self._width = (lidar or Lidar()).target_diameter_m

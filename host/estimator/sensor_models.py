@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from host.config import Camera, Lidar
+from host.config import Cameras, Lidar
 from host.geometry import SECTORS, sector, wrap
 from host.messages import BoolArray, FloatArray
 
@@ -101,7 +101,7 @@ class LidarModel:
 class CameraModel:
     """Detection probability of the cameras, and their clutter intensity in 1/rad."""
 
-    def __init__(self, config: Camera) -> None:
+    def __init__(self, config: Cameras) -> None:
         self._config = config
         self.clutter = config.clutter_per_rad
 

@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from host.config import Filter as FilterSettings
-from host.config import Lidar, RobotConfig
+from host.config import FilterSettings, Lidar, RobotConfig
 from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading

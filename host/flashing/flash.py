@@ -13,7 +13,7 @@ from pathlib import Path
 import serial
 
 from host.drivers.romeo.device import BAUDRATE
-from host.drivers.romeo.framing import DELIMITER, Decoder, encode
+from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.ports import (
     PASTE_RULE,
     BoardPort,
@@ -260,7 +260,7 @@ def read_identity(path: str) -> IdentityFrame:
 
 
 def _greet(port: serial.Serial) -> IdentityFrame:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     heard = 0
     end = time.monotonic() + IDENTITY_S
     next_hello = 0.0

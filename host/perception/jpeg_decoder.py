@@ -31,7 +31,7 @@ class UnusableError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
+class JpegHeader:
     """What stands before the picture's data.
 
     width, height px; height_at: where the height is written; unit (width, height) px: what is
@@ -53,7 +53,7 @@ class Header:
         return -(-self.width // self.unit[0]) * -(-height // self.unit[1])
 
 
-def read_header(jpeg: bytes) -> Header:
+def read_header(jpeg: bytes) -> JpegHeader:
     """Read the segments (ITU T.81 annex B) up to the first scan. Raises UnusableError."""
     if jpeg[:2] != b"\xff\xd8":
         raise UnusableError("not_jpeg")
@@ -75,7 +75,7 @@ def read_header(jpeg: bytes) -> Header:
     raise UnusableError("torn")
 
 
-def _header(frame: bytes, height_at: int, scan: int, restart: int, plain: bool) -> Header:
+def _header(frame: bytes, height_at: int, scan: int, restart: int, plain: bool) -> JpegHeader:
     count = frame[5]
     factors = frame[7 : 6 + 3 * count : 3]
     if (
@@ -86,7 +86,7 @@ def _header(frame: bytes, height_at: int, scan: int, restart: int, plain: bool) 
         raise UnusableError("torn")
     # A single component is coded block by block, whatever its factors say.
     sampling = [(f >> 4, f & 15) for f in factors] if count == 3 else [(1, 1)]
-    return Header(
+    return JpegHeader(
         width=int.from_bytes(frame[3:5], "big"),
         height=int.from_bytes(frame[1:3], "big"),
         height_at=height_at,
@@ -98,7 +98,7 @@ def _header(frame: bytes, height_at: int, scan: int, restart: int, plain: bool) 
     )
 
 
-def check_whole(jpeg: bytes, header: Header) -> bytes:
+def check_whole(jpeg: bytes, header: JpegHeader) -> bytes:
     """The picture without the zeros that drivers leave behind it. Raises UnusableError.
 
     The last marker is the picture's end, and it stands at the end; between it and the header are
@@ -120,7 +120,7 @@ def check_whole(jpeg: bytes, header: Header) -> bytes:
     return jpeg
 
 
-class Decoder(Protocol):
+class JpegDecoder(Protocol):
     """Makes the reduced picture."""
 
     def decode(self, jpeg: bytes, size: tuple[int, int], rows: int) -> Image:
@@ -131,7 +131,7 @@ class Decoder(Protocol):
         """
 
 
-def _checked(jpeg: bytes, size: tuple[int, int]) -> tuple[bytes, Header]:
+def _checked(jpeg: bytes, size: tuple[int, int]) -> tuple[bytes, JpegHeader]:
     header = read_header(jpeg)
     if (header.width, header.height) != size:
         raise UnusableError("wrong_size")
@@ -206,7 +206,7 @@ class TurboDecoder:
         return picture[: -(-rows // SCALE)]
 
 
-def _check_rest(message: bytes, header: Header, height: int) -> None:
+def _check_rest(message: bytes, header: JpegHeader, height: int) -> None:
     """Raise UnusableError unless the decoder's first warning is that the lower rows were not read.
 
     And that they are at least as many bytes as so many rows must have.
@@ -219,7 +219,7 @@ def _check_rest(message: bytes, header: Header, height: int) -> None:
         raise UnusableError("torn")
 
 
-def fastest_decoder() -> Decoder:
+def fastest_decoder() -> JpegDecoder:
     """By libturbojpeg where it is installed, else by OpenCV."""
     try:
         return TurboDecoder()

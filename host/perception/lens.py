@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from host.config import Eye
+from host.config import Camera
 from host.messages import FloatArray
 
 _TABLE_SIZE = 1024
@@ -53,7 +53,7 @@ class Lens:
     where the radius stops growing. The picture's border is not looked at.
     """
 
-    def __init__(self, eye: Eye) -> None:
+    def __init__(self, eye: Camera) -> None:
         self.eye = eye
         self._centre = np.array([eye.centre_x_px, eye.centre_y_px])
         if eye.lens == "orthographic":
@@ -144,7 +144,7 @@ class View:
     into the robot frame; its columns are the picture's right, its down, and the axis.
     """
 
-    def __init__(self, eye: Eye) -> None:
+    def __init__(self, eye: Camera) -> None:
         self.lens = Lens(eye)
         self.origin = np.array([eye.x_m, eye.y_m, eye.z_m])
         self.to_robot = mounting_rotation(eye.heading_rad, eye.tilt_rad, eye.roll_rad)

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import Bearings, FloatArray, IntArray
-from host.perception.jpeg_decoder import SCALE, Decoder, Image, UnusableError, fastest_decoder
+from host.perception.jpeg_decoder import SCALE, Image, JpegDecoder, UnusableError, fastest_decoder
 from host.perception.strip_colour import StripColour
 from host.perception.strip_geometry import REACH_M, StripGeometry, full_size
 
@@ -96,7 +96,7 @@ class StripFinder:
     """
 
     def __init__(
-        self, camera: Camera, eye: Eye, decoder: Decoder | None = None, name: str = ""
+        self, camera: Cameras, eye: Camera, decoder: JpegDecoder | None = None, name: str = ""
     ) -> None:
         self._camera, self._eye, self._name = camera, eye, name
         self.decoder = decoder or fastest_decoder()

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
 from host.perception.jpeg_decoder import SCALE, Image
@@ -29,7 +29,7 @@ class StripGeometry:
     drawn: 255 where the lens draws anything, 0 elsewhere, as are the others there.
     """
 
-    def __init__(self, camera: Camera, eye: Eye) -> None:
+    def __init__(self, camera: Cameras, eye: Camera) -> None:
         self._camera, self._eye = camera, eye
         self._view = View(eye)
         self._offset_m = camera.strip.height_m - eye.z_m

@@ -43,7 +43,7 @@ _CRC_END = len(_BEFORE_CRC) + 8
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
+class RecordingHeader:
     """What a run was: the configuration in effect, the sensors in use, the scenario if any."""
 
     config: RobotConfig
@@ -54,7 +54,7 @@ class Header:
 class Recorder:
     """Writes a recording. Raises UserError where the file exists already or cannot be written."""
 
-    def __init__(self, path: Path, header: Header) -> None:
+    def __init__(self, path: Path, header: RecordingHeader) -> None:
         self._path = path
         try:
             self._file = path.open("xb", buffering=0)
@@ -164,7 +164,7 @@ class Recording:
             raise self._damaged(number, "it holds no object")
         return content
 
-    def _read_header(self, number: int, line: bytes) -> Header:
+    def _read_header(self, number: int, line: bytes) -> RecordingHeader:
         if not line.startswith(_BEFORE_CRC):
             raise UserError(
                 f"{self.path} is not a swarmloc recording",
@@ -180,7 +180,7 @@ class Recording:
             )
         try:
             config = RobotConfig.model_validate(content["config"])
-            return Header(config, content["sensors"], content["scenario"])
+            return RecordingHeader(config, content["sensors"], content["scenario"])
         except (KeyError, ValidationError) as error:
             raise UserError(
                 f"{self.path}, line {number}: the configuration cannot be read",

@@ -25,7 +25,7 @@ _HOLE = 1.9  # usual intervals: a longer one has lost ticks
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class OptiodomRun:
     """One run: wheel ticks and the true path.
 
     times (n,) s; ticks (n, 2): left, right, counted from the start. truth_times (m,) s, truth
@@ -41,7 +41,7 @@ class Run:
     truth: FloatArray
 
 
-def read(place: Path) -> list[Run]:
+def read(place: Path) -> list[OptiodomRun]:
     """Read the runs of a session, of all sessions below a folder, or one `*_run-NN.csv`.
 
     Raises UserError that names the file, and the line, for what is missing or wrong.
@@ -59,7 +59,7 @@ def read(place: Path) -> list[Run]:
     return [_run(path) for path in paths]
 
 
-def _run(path: Path) -> Run:
+def _run(path: Path) -> OptiodomRun:
     wheels = _nominal(path)
     rows: list[list[float]] = []
     for number, line in enumerate(_lines(path), 1):
@@ -82,7 +82,7 @@ def _run(path: Path) -> Run:
     truth = table[seen, 1:4]
     truth[:, 2] = np.unwrap(truth[:, 2])
     ticks = np.cumsum(table[:, [5, 4]].astype(np.int64), axis=0)
-    return Run(path.stem, wheels, table[:, 0], ticks, table[seen, 0], truth)
+    return OptiodomRun(path.stem, wheels, table[:, 0], ticks, table[seen, 0], truth)
 
 
 def _row(path: Path, number: int, line: str, before: list[list[float]]) -> list[float]:

@@ -11,9 +11,9 @@ from host.config import RobotConfig
 from host.drivers.natnet import protocol as natnet_protocol
 from host.drivers.natnet.frames import Frame, Version
 from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
-from host.drivers.romeo.session import Session
+from host.drivers.romeo.session import BoardSession
 from host.drivers.x4.commands import SCAN
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import to_frame
 from host.messages import Bearings, Bodies, Message, Truth
 from host.simulation.devices.board import STAND_IN, BoardKind
@@ -24,7 +24,7 @@ from host.simulation.world.arena import STEP_S, Arena
 from host.simulation.world.built import built, known
 from host.simulation.world.motion_capture import MotionCapture
 from host.simulation.world.scenarios import Scenario
-from host.simulation.world.sensors import Camera, Encoders, Lidar
+from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
 
 OBSERVER = 0
 TRUTH_HZ = 10.0
@@ -50,17 +50,17 @@ class Simulation:
         self.config = known(config, scenario)
         self._arena = Arena(scenario)
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
-        lidar = Lidar(self._arena, OBSERVER, scenario, self.built.lidar)
-        self._encoders = Encoders(self._arena, OBSERVER, scenario, self.built.wheels)
-        self.camera = Camera(self._arena, OBSERVER, scenario)
+        lidar = SimulatedLidar(self._arena, OBSERVER, scenario, self.built.lidar)
+        self._encoders = SimulatedEncoders(self._arena, OBSERVER, scenario, self.built.wheels)
+        self.camera = SimulatedCamera(self._arena, OBSERVER, scenario)
         self.x4 = X4Emulator(
             lidar.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
         )
         self.board = board.make(self._encoders.ticks)
         self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
-        self._decoder = Decoder()
-        self._natnet = natnet_protocol.Decoder(_NATNET)
-        self._session = Session(self.config)
+        self._decoder = ScanDecoder()
+        self._natnet = natnet_protocol.MocapDecoder(_NATNET)
+        self._session = BoardSession(self.config)
         self._talked = 0.0
         self._frames = 0
         self._truths = 0

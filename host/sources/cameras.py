@@ -4,7 +4,7 @@ import dataclasses
 import threading
 from collections.abc import Callable
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.drivers.camera.driver import CameraDriver, Picture
 from host.messages import Health, Message
 from host.perception.red_strip import StripFinder
@@ -13,7 +13,7 @@ from host.perception.red_strip import StripFinder
 class StripCamera:
     """One camera, "front" or "rear": `run` it in a thread."""
 
-    def __init__(self, name: str, camera: Camera, eye: Eye) -> None:
+    def __init__(self, name: str, camera: Cameras, eye: Camera) -> None:
         self._driver = CameraDriver(f"{name} camera", eye, camera.delay_s)
         self._finder = StripFinder(camera, eye, name=name)
 
@@ -32,7 +32,7 @@ class StripCamera:
         self._driver.run(take, stop)
 
 
-def cameras(config: Camera) -> dict[str, StripCamera]:
+def cameras(config: Cameras) -> dict[str, StripCamera]:
     """The cameras that have a source, by the name that Health calls them."""
     eyes = {"front": config.front, "rear": config.rear}
     return {

@@ -12,17 +12,17 @@ from click.testing import CliRunner, Result
 from host import config
 from host.cli.calibrate import calibrate
 from host.cli.main import Commands
-from host.config import Camera
+from host.config import Cameras
 from host.perception.jpeg_decoder import TurboDecoder
 from tests.perception.drawn_strips import background, draw_strip, encode, place
 
-FRONT = Camera().front
+FRONT = Cameras().front
 
 
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
     canvas = background(FRONT, 0)
-    draw_strip(canvas, Camera(), FRONT, place(FRONT, 0.3, 0.8))
+    draw_strip(canvas, Cameras(), FRONT, place(FRONT, 0.3, 0.8))
     path = tmp_path / "front.jpg"
     path.write_bytes(encode(canvas))
     return path

@@ -14,7 +14,7 @@ from host.cli.table import table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import Displacement, Estimate, Health, Truth
-from host.recording.log import Header, Recorder, Recording
+from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
 COMMANDS = ("run", "flash", "simulate", "replay", "evaluate")
@@ -245,11 +245,11 @@ def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
 
 def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
     blind, camera_less = tmp_path / "blind.swarmloc", tmp_path / "lidar.swarmloc"
-    with Recorder(blind, Header(RobotConfig(), "lidar")) as recorder:
+    with Recorder(blind, RecordingHeader(RobotConfig(), "lidar")) as recorder:
         recorder.write(Health(0.0, "lidar", True, "", {}))
     short = tmp_path / "short.swarmloc"
     assert invoke("simulate", "arena4:seconds=2", "--output", short).exit_code == 0
-    with Recorder(camera_less, Header(RobotConfig(), "lidar")) as recorder:
+    with Recorder(camera_less, RecordingHeader(RobotConfig(), "lidar")) as recorder:
         for message in Recording(recording).messages():
             if type(message).__name__ != "Bearings":
                 recorder.write(message)

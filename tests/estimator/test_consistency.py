@@ -17,7 +17,7 @@ from stonesoup.types.state import TaggedWeightedGaussianState
 from stonesoup.updater.kalman import KalmanUpdater
 from stonesoup.updater.pointprocess import PHDUpdater
 
-from host.config import Filter, Lidar
+from host.config import FilterSettings, Lidar
 from host.estimator.phd import PhdFilter
 from host.evaluation.metrics import Accumulator, gospa
 from host.messages import Displacement, Positions
@@ -28,7 +28,7 @@ SIDE_M = 3.0
 CLUTTER, BIRTH = 0.1, 0.005  # 1/m²
 WARM_UP = 10
 
-SETTINGS = Filter(
+SETTINGS = FilterSettings(
     motion_noise_m=MOTION_M,
     motion_growth_per_s=0.0,
     obstacle_share=0.0,

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.config import BlindSector, Filter, Lidar
+from host.config import BlindSector, FilterSettings, Lidar
 from host.messages import Bearings, Displacement
 from tests.estimator.standing_robot import MOST, RATE_HZ, Run, heard, seen
 
 # What these tests rely on, whatever the defaults are tuned to.
 RANDOM_WALK = {"motion_noise_m": 0.1, "motion_growth_per_s": 0.0, "obstacle_share": 0.0}
-ONLY_TEAMMATES = Filter(**RANDOM_WALK)
+ONLY_TEAMMATES = FilterSettings(**RANDOM_WALK)
 
 
 def tracking(points, settings=ONLY_TEAMMATES, lidar=None, camera=None):
@@ -100,8 +100,8 @@ def test_a_teammate_that_was_not_told_apart_once_is_still_reported():
 
 def test_without_a_clearance_one_miss_is_forgiven_where_the_settings_say_so():
     lidar = Lidar(detection_probability=0.9)
-    forgiving = Filter(**RANDOM_WALK, forget_weight=0.05)
-    strict = Filter(**RANDOM_WALK, forget_weight=0.15)
+    forgiving = FilterSettings(**RANDOM_WALK, forget_weight=0.05)
+    strict = FilterSettings(**RANDOM_WALK, forget_weight=0.15)
     for choice, count in ((forgiving, 1), (strict, 0)):
         run = tracking([1.0, 0.0], choice, lidar)
         assert len(run.scan([], clearance=None).positions) == count
@@ -159,7 +159,7 @@ def test_one_that_is_no_longer_known_well_enough_is_not_reported_until_seen_agai
 def test_the_longer_it_is_unseen_the_faster_it_is_known_less(growth):
     """Its variance grows at the rate q² (1 + growth · time unseen)."""
     choice = {**RANDOM_WALK, "motion_growth_per_s": growth, "report_sigma_m": 5.0}
-    run = tracking([1.0, 0.0], Filter(**choice))
+    run = tracking([1.0, 0.0], FilterSettings(**choice))
     before = run.estimate().covariances[0]
     for _ in range(2000):
         run.wait(0.001)
@@ -170,7 +170,8 @@ def test_the_longer_it_is_unseen_the_faster_it_is_known_less(growth):
 def test_beyond_the_survival_range_it_fades_within_seconds():
     near, far = (
         tracking(
-            [1.0, 0.0], Filter(**{**RANDOM_WALK, "motion_noise_m": 0.02}, survival_range_m=reach)
+            [1.0, 0.0],
+            FilterSettings(**{**RANDOM_WALK, "motion_noise_m": 0.02}, survival_range_m=reach),
         )
         for reach in (3.0, 0.9)
     )
@@ -211,7 +212,7 @@ def test_two_teammates_side_by_side_are_two():
 
 
 def test_a_bearing_pulls_the_estimate_onto_its_ray_from_where_the_ray_started():
-    run = tracking([2.0, 0.0], Filter(**RANDOM_WALK, report_sigma_m=1.0))
+    run = tracking([2.0, 0.0], FilterSettings(**RANDOM_WALK, report_sigma_m=1.0))
     run.wait(3.0)
     origin, target = np.array([0.3, -0.6]), np.array([2.0, 0.15])
     toward = target - origin
@@ -258,7 +259,7 @@ def near_estimates(truth, estimate):
 def test_cameras_follow_a_teammate_that_the_lidar_does_not_see():
     """It walks across behind a pillar of the lidar's own."""
     lidar = Lidar(blind_sectors=(BlindSector(centre_rad=0.0, width_rad=1.0),))
-    generous = Filter(**RANDOM_WALK, report_sigma_m=2.0)
+    generous = FilterSettings(**RANDOM_WALK, report_sigma_m=2.0)
     errors = []
     for cameras in (True, False):
         random, run = np.random.default_rng(2), Run(generous, lidar)
@@ -321,7 +322,7 @@ def test_readings_from_very_far_or_on_the_robot_itself_do_no_harm():
 
 
 def test_the_capacity_holds_the_heaviest():
-    run = Run(Filter(**RANDOM_WALK, capacity=10))
+    run = Run(FilterSettings(**RANDOM_WALK, capacity=10))
     random = np.random.default_rng(0)
     teammates = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
     for _ in range(10):
@@ -332,7 +333,7 @@ def test_the_capacity_holds_the_heaviest():
 
 def test_a_moving_robot_keeps_a_standing_teammate_where_it_is():
     """The robot drives a circle; nothing is seen any more, the estimate follows by odometry."""
-    run = tracking([1.0, 0.5], Filter(**{**RANDOM_WALK, "motion_noise_m": 0.01}))
+    run = tracking([1.0, 0.5], FilterSettings(**{**RANDOM_WALK, "motion_noise_m": 0.01}))
     step = Displacement(0.0, 0.1, 0.05, 0.0, 0.2)
     pose = np.zeros(3)
     for _ in range(20):

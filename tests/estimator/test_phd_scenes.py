@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.config import Filter, Lidar
+from host.config import FilterSettings, Lidar
 from host.estimator.phd import PhdFilter
 from host.messages import Displacement, Positions
 from tests.estimator.standing_robot import MOST, PLAIN_VIEW, RATE_HZ, Run, heard, seen
@@ -73,7 +73,7 @@ def scattered(seed, scans=3, readings=3, size=0.3):
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_without_merging_every_component_is_that_of_equation_6(seed):
-    run = Run(Filter(**EVERYTHING, merge_distance=1e-9), UNIFORM)
+    run = Run(FilterSettings(**EVERYTHING, merge_distance=1e-9), UNIFORM)
     expected = []
     for readings in scattered(seed):
         estimate = run.scan(readings, sigma=0.1)
@@ -91,7 +91,7 @@ def test_without_merging_every_component_is_that_of_equation_6(seed):
 @settings(max_examples=25)
 def test_merging_keeps_the_mass_of_equation_6(seed):
     # Amid much clutter nothing grows so heavy that it would be cut down to one teammate.
-    run = Run(Filter(**EVERYTHING), UNIFORM.model_copy(update={"clutter_per_m2": 2.0}))
+    run = Run(FilterSettings(**EVERYTHING), UNIFORM.model_copy(update={"clutter_per_m2": 2.0}))
     for readings in scattered(seed, scans=2, size=1.0):
         before = run.estimate()
         after = run.scan(readings, sigma=0.1)

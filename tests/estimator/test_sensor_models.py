@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.config import BlindSector, Camera, Lidar
+from host.config import BlindSector, Cameras, Lidar
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of
 
 SECTORS = 360
@@ -21,7 +21,7 @@ def lidar(bearing, distance, clearance=OPEN, measured=False, config=PLAIN):
     return LidarModel(config).detection(bearing, distance, clearance, measured)
 
 
-def camera(bearing, distance, clearance=OPEN, config=Camera()):  # noqa: B008 (it is immutable)
+def camera(bearing, distance, clearance=OPEN, config=Cameras()):  # noqa: B008 (it is immutable)
     distance = np.atleast_1d(np.asarray(distance, dtype=float))
     bearing = np.broadcast_to(bearing, distance.shape).astype(float)
     return CameraModel(config).detection(bearing, distance, clearance, (0.0, math.pi))
@@ -32,7 +32,7 @@ def camera(bearing, distance, clearance=OPEN, config=Camera()):  # noqa: B008 (i
 def test_half_of_the_detections_are_lost_at_the_half_range(half_range, most):
     config = Lidar(blind_sectors=(), detection_probability=most, half_range_m=half_range)
     assert lidar(0.0, half_range, config=config) == pytest.approx([most / 2])
-    config = Camera(detection_probability=most, half_range_m=half_range)
+    config = Cameras(detection_probability=most, half_range_m=half_range)
     assert camera(0.0, half_range, config=config) == pytest.approx([most / 2])
 
 
@@ -40,7 +40,7 @@ def test_the_curves_follow_the_logistic_function_and_only_fall():
     distances = np.linspace(0.2, 8.0, 200)
     for found, steepness, half_range in (
         (lidar(0.0, distances), PLAIN.range_steepness_per_m, 2.0),
-        (camera(0.0, distances), Camera().range_steepness_per_m, Camera().half_range_m),
+        (camera(0.0, distances), Cameras().range_steepness_per_m, Cameras().half_range_m),
     ):
         curve = 0.45 * (1.0 + np.tanh(steepness * (half_range - distances) / 2.0))
         assert found == pytest.approx(np.clip(curve, LEAST, MOST), abs=1e-12)
@@ -50,7 +50,7 @@ def test_the_curves_follow_the_logistic_function_and_only_fall():
 def test_detection_is_never_certain_nor_impossible():
     sure = Lidar(blind_sectors=(), detection_probability=0.9999, half_range_m=900.0)
     assert lidar(0.0, [0.5, 1e6], config=sure).tolist() == [MOST, LEAST]
-    assert camera(0.0, [0.5, 1e6], config=Camera(detection_probability=0.9999)).tolist() == [
+    assert camera(0.0, [0.5, 1e6], config=Cameras(detection_probability=0.9999)).tolist() == [
         MOST,
         LEAST,
     ]
@@ -192,7 +192,7 @@ def test_a_target_on_the_sensor_and_no_target_at_all():
 
 def test_the_clutter_is_that_of_the_configuration():
     assert LidarModel(Lidar(clutter_per_m2=0.3)).clutter == 0.3
-    assert CameraModel(Camera(clutter_per_rad=0.4)).clutter == 0.4
+    assert CameraModel(Cameras(clutter_per_rad=0.4)).clutter == 0.4
 
 
 @pytest.mark.parametrize("centre", [0.0, 3.0, -2.0])
@@ -200,10 +200,10 @@ def test_a_picture_says_nothing_of_what_it_cannot_show(centre: float) -> None:
     bearing = np.linspace(-math.pi, math.pi, 721)
     distance = np.full(721, 1.0)
     half = math.radians(80.0)
-    seen = CameraModel(Camera()).detection(bearing, distance, OPEN, (centre, half))
+    seen = CameraModel(Cameras()).detection(bearing, distance, OPEN, (centre, half))
     # By the angle between unit vectors, which needs no wrapping.
     inside = np.cos(bearing - centre) >= math.cos(half)
     edge = np.abs(np.cos(bearing - centre) - math.cos(half)) < 1e-9
     assert np.all((seen > 0.0) == inside, where=~edge)
-    around = CameraModel(Camera()).detection(bearing, distance, OPEN, (0.0, math.pi))
+    around = CameraModel(Cameras()).detection(bearing, distance, OPEN, (0.0, math.pi))
     assert np.array_equal(seen[inside & ~edge], around[inside & ~edge])

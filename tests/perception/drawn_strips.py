@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import FloatArray
 from host.perception.jpeg_decoder import Image
 
@@ -13,7 +13,7 @@ STRIP_BGR = (40.0, 35.0, 190.0)
 _FINE = 4  # drawn so much larger, and averaged
 
 
-def pixel_of(point: FloatArray, eye: Eye) -> tuple[float, float]:
+def pixel_of(point: FloatArray, eye: Camera) -> tuple[float, float]:
     """Where a point (x, y, z) m of the robot frame meets the picture of an equidistant lens."""
     ahead, aside, up = point - (eye.x_m, eye.y_m, eye.z_m)
     c, s = math.cos(eye.heading_rad), math.sin(eye.heading_rad)
@@ -25,14 +25,14 @@ def pixel_of(point: FloatArray, eye: Eye) -> tuple[float, float]:
     return eye.centre_x_px - radius * left / across, eye.centre_y_px + radius * down / across
 
 
-def place(eye: Eye, bearing: float, distance: float) -> FloatArray:
+def place(eye: Camera, bearing: float, distance: float) -> FloatArray:
     """Point (x, y) m of the robot frame at a bearing (rad) and distance from the camera."""
     return np.array([eye.x_m, eye.y_m]) + distance * np.array(
         [math.cos(bearing), math.sin(bearing)]
     )
 
 
-def background(eye: Eye, seed: int) -> Image:
+def background(eye: Camera, seed: int) -> Image:
     """Uneven grey with a touch of colour, and a sensor's noise."""
     random = np.random.default_rng(seed)
     cells = random.integers(90, 160, (18, 32, 1)) + random.integers(-10, 11, (18, 32, 3))
@@ -60,7 +60,7 @@ def draw_quad(
 
 def draw_coat(
     picture: Image,
-    eye: Eye,
+    eye: Camera,
     middle: FloatArray,
     heights: tuple[float, float],
     diameter: float,
@@ -81,8 +81,8 @@ def draw_coat(
 
 def draw_strip(
     picture: Image,
-    camera: Camera,
-    eye: Eye,
+    camera: Cameras,
+    eye: Camera,
     middle: FloatArray,
     colour: tuple[float, ...] = STRIP_BGR,
 ) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from host.config import Ceiling, Eye
+from host.config import Camera, Ceiling
 from host.messages import FloatArray
 
 _FINE = 3
@@ -27,7 +27,7 @@ def marker(number: int, pixels: int = _CELLS) -> NDArray[np.uint8]:
     return np.asarray(aruco.drawMarker(tags, number, pixels))  # before 4.7
 
 
-def rays(eye: Eye, pixels: FloatArray) -> FloatArray:
+def rays(eye: Camera, pixels: FloatArray) -> FloatArray:
     """Vectors (n, 3) in the floor's frame of a camera that looks straight down.
 
     Its picture's up is its heading. The angle of a lens is found step by step, which does for a
@@ -45,7 +45,7 @@ def rays(eye: Eye, pixels: FloatArray) -> FloatArray:
     return np.stack((c * ahead - s * left, s * ahead + c * left, -np.ones_like(angle)), axis=1)
 
 
-def pixel_of(eye: Eye, point: FloatArray) -> FloatArray:
+def pixel_of(eye: Camera, point: FloatArray) -> FloatArray:
     """Where a point (3,) m of the floor's frame is in the picture of a camera that looks down."""
     x, y, z = point - (eye.x_m, eye.y_m, eye.z_m)
     c, s = math.cos(eye.heading_rad), math.sin(eye.heading_rad)

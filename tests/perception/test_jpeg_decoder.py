@@ -10,8 +10,8 @@ import pytest
 
 from host.perception.jpeg_decoder import (
     SCALE,
-    Decoder,
     Image,
+    JpegDecoder,
     OpenCvDecoder,
     TurboDecoder,
     UnusableError,
@@ -35,7 +35,7 @@ def turbo() -> TurboDecoder:
 
 
 @pytest.fixture(params=["turbo", "opencv"])
-def decoder(request: pytest.FixtureRequest) -> Decoder:
+def decoder(request: pytest.FixtureRequest) -> JpegDecoder:
     return OpenCvDecoder() if request.param == "opencv" else request.getfixturevalue("turbo")
 
 
@@ -74,27 +74,27 @@ def test_both_decoders_give_the_same_rows(turbo: TurboDecoder, kind: str, rows: 
     np.testing.assert_array_equal(fast[:whole], plain[:whole])
 
 
-def test_a_reduced_pixel_is_the_mean_of_those_it_stands_for(decoder: Decoder) -> None:
+def test_a_reduced_pixel_is_the_mean_of_those_it_stands_for(decoder: JpegDecoder) -> None:
     picture = scene(1)
     reduced = decoder.decode(encode(picture), SIZE, HEIGHT).astype(float)
     means = picture.reshape(HEIGHT // SCALE, SCALE, WIDTH // SCALE, SCALE, 3).mean(axis=(1, 3))
     assert np.abs(reduced - means).mean() < 4.0
 
 
-def test_sizes_that_are_no_multiple_of_anything(decoder: Decoder) -> None:
+def test_sizes_that_are_no_multiple_of_anything(decoder: JpegDecoder) -> None:
     size = (331, 203)
     assert decoder.decode(encode(scene(2, size)), size, 203).shape == (51, 83, 3)
     assert decoder.decode(encode(scene(2, size)), size, 64).shape == (16, 83, 3)
 
 
-def reason(decoder: Decoder, jpeg: bytes, rows: int = 100) -> str:
+def reason(decoder: JpegDecoder, jpeg: bytes, rows: int = 100) -> str:
     with pytest.raises(UnusableError) as caught:
         decoder.decode(jpeg, SIZE, rows)
     return str(caught.value)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_picture_cut_anywhere_is_torn(decoder: Decoder, kind: str) -> None:
+def test_a_picture_cut_anywhere_is_torn(decoder: JpegDecoder, kind: str) -> None:
     jpeg = KINDS[kind](scene()).rstrip(b"\0")
     for length in range(2, len(jpeg), 97):
         assert reason(decoder, jpeg[:length]) == "torn"
@@ -102,7 +102,7 @@ def test_a_picture_cut_anywhere_is_torn(decoder: Decoder, kind: str) -> None:
         assert reason(decoder, jpeg[:length]) == "not_jpeg"
 
 
-def test_a_picture_of_another_size_or_another_kind_is_told(decoder: Decoder) -> None:
+def test_a_picture_of_another_size_or_another_kind_is_told(decoder: JpegDecoder) -> None:
     assert reason(decoder, encode(scene(0, (336, 208)))) == "wrong_size"
     assert reason(decoder, bytes(cv2.imencode(".png", scene())[1])) == "not_jpeg"
 
@@ -116,7 +116,7 @@ def test_rows_that_are_not_there_are_missed_although_an_end_follows(turbo: Turbo
     assert reason(turbo, jpeg[: -data * 46 // 100] + b"\xff\xd9") == "torn"
 
 
-def test_pictures_with_restart_markers_miss_a_part_cut_out(decoder: Decoder) -> None:
+def test_pictures_with_restart_markers_miss_a_part_cut_out(decoder: JpegDecoder) -> None:
     jpeg = KINDS["restart markers"](scene())
     middle = len(jpeg) * 2 // 3
     assert reason(decoder, jpeg[:middle] + jpeg[middle + 200 :]) == "torn"
@@ -125,7 +125,7 @@ def test_pictures_with_restart_markers_miss_a_part_cut_out(decoder: Decoder) -> 
     assert check_whole(jpeg, plain) == jpeg
 
 
-def test_an_end_within_the_last_header_is_torn(decoder: Decoder) -> None:
+def test_an_end_within_the_last_header_is_torn(decoder: JpegDecoder) -> None:
     head = encode(scene())
     head = head[: head.rindex(b"\xff\xda")]
     for zeros in (0, 4):
@@ -134,7 +134,7 @@ def test_an_end_within_the_last_header_is_torn(decoder: Decoder) -> None:
         assert reason(decoder, jpeg) == "torn"
 
 
-def test_the_start_of_the_next_picture_inside_is_torn(decoder: Decoder) -> None:
+def test_the_start_of_the_next_picture_inside_is_torn(decoder: JpegDecoder) -> None:
     jpeg = encode(scene())
     assert reason(decoder, jpeg[: len(jpeg) * 3 // 4] + jpeg) == "torn"
 

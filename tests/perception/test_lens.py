@@ -8,18 +8,18 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from host.config import Eye
+from host.config import Camera
 from host.messages import FloatArray
 from host.perception.lens import Lens, View
 
 LENSES = {
-    "as built": Eye(),
-    "barrel": Eye(k1=-0.08, k2=0.004),
-    "pincushion": Eye(k1=0.06, k2=0.01, focal_px=300.0, centre_x_px=500.0, centre_y_px=410.0),
-    "grows, then folds": Eye(k1=0.05, k2=-0.01),
-    "folds before 90 deg": Eye(k1=-0.2),
-    "nearly level midway": Eye(k1=-0.447, k2=0.1),
-    "orthographic": Eye(lens="orthographic", focal_px=960.0),
+    "as built": Camera(),
+    "barrel": Camera(k1=-0.08, k2=0.004),
+    "pincushion": Camera(k1=0.06, k2=0.01, focal_px=300.0, centre_x_px=500.0, centre_y_px=410.0),
+    "grows, then folds": Camera(k1=0.05, k2=-0.01),
+    "folds before 90 deg": Camera(k1=-0.2),
+    "nearly level midway": Camera(k1=-0.447, k2=0.1),
+    "orthographic": Camera(lens="orthographic", focal_px=960.0),
 }
 every_lens = pytest.mark.parametrize("eye", LENSES.values(), ids=LENSES)
 EQUIDISTANT = [eye for eye in LENSES.values() if eye.lens == "equidistant"]
@@ -33,7 +33,7 @@ def ray(off_axis_rad: float, around_rad: float) -> FloatArray:
     )
 
 
-def pixel_by_hand(eye: Eye, off_axis: float, around: float) -> tuple[float, float]:
+def pixel_by_hand(eye: Camera, off_axis: float, around: float) -> tuple[float, float]:
     if eye.lens == "orthographic":
         radius = eye.focal_px * math.sin(off_axis)
     else:
@@ -44,7 +44,7 @@ def pixel_by_hand(eye: Eye, off_axis: float, around: float) -> tuple[float, floa
     )
 
 
-def fold_by_search(eye: Eye) -> float:
+def fold_by_search(eye: Camera) -> float:
     """Where the radius stops growing, by looking at small steps."""
     if eye.lens == "orthographic":
         return math.pi / 2
@@ -55,7 +55,7 @@ def fold_by_search(eye: Eye) -> float:
 
 
 @every_lens
-def test_single_rays_meet_the_picture_where_the_formula_says(eye: Eye) -> None:
+def test_single_rays_meet_the_picture_where_the_formula_says(eye: Camera) -> None:
     lens = Lens(eye)
     for off_axis in np.linspace(0.0, lens.limit_rad - 1e-6, 19):
         for around in (-2.5, -0.3, 0.0, 0.7, math.pi / 2, 3.0):
@@ -66,7 +66,7 @@ def test_single_rays_meet_the_picture_where_the_formula_says(eye: Eye) -> None:
 
 
 @every_lens
-def test_the_limit_is_where_the_radius_stops_growing(eye: Eye) -> None:
+def test_the_limit_is_where_the_radius_stops_growing(eye: Camera) -> None:
     assert Lens(eye).limit_rad == pytest.approx(fold_by_search(eye), abs=4e-5)
 
 
@@ -75,7 +75,7 @@ def test_the_limit_is_where_the_radius_stops_growing(eye: Eye) -> None:
     off_axis=st.floats(0.0, math.pi),
     around=st.floats(-math.pi, math.pi),
 )
-def test_a_ray_comes_back_from_its_pixel(eye: Eye, off_axis: float, around: float) -> None:
+def test_a_ray_comes_back_from_its_pixel(eye: Camera, off_axis: float, around: float) -> None:
     lens = Lens(eye)
     assume(off_axis < lens.limit_rad - 1e-3)  # the inverse is as steep as one likes at the fold
     expected = ray(off_axis, around)
@@ -94,7 +94,7 @@ def test_a_ray_comes_back_from_its_pixel(eye: Eye, off_axis: float, around: floa
 def test_every_pixel_up_to_the_farthest_comes_back_from_its_ray(
     k1: float, k2: float, share: float, around: float
 ) -> None:
-    lens = Lens(Eye(k1=k1, k2=k2))
+    lens = Lens(Camera(k1=k1, k2=k2))
     angle = share * lens.limit_rad
     radius = float(lens.radius(np.array([angle]))[0])
     assert radius >= 0.0
@@ -112,7 +112,7 @@ def test_every_pixel_up_to_the_farthest_comes_back_from_its_ray(
 
 
 @every_lens
-def test_beyond_the_limit_there_is_neither_pixel_nor_ray(eye: Eye) -> None:
+def test_beyond_the_limit_there_is_neither_pixel_nor_ray(eye: Camera) -> None:
     lens = Lens(eye)
     if lens.limit_rad < math.pi:
         outside = np.array([ray(lens.limit_rad + d, 1.0) for d in (1e-9, 0.01, 0.3)])
@@ -125,7 +125,7 @@ def test_beyond_the_limit_there_is_neither_pixel_nor_ray(eye: Eye) -> None:
 
 
 def test_what_is_no_direction_has_no_pixel_and_harms_no_other() -> None:
-    lens = Lens(Eye())
+    lens = Lens(Camera())
     rays = np.array(
         [[0, 0, 0], [0, 0, -1], [math.nan, 0, 1], [math.inf, math.inf, 1], [0, 0, 2], [1, 0, 0]],
         dtype=float,
@@ -141,7 +141,7 @@ def test_what_is_no_direction_has_no_pixel_and_harms_no_other() -> None:
 
 
 @pytest.mark.parametrize("eye", EQUIDISTANT)
-def test_opencv_draws_the_same_below_80_deg(eye: Eye) -> None:
+def test_opencv_draws_the_same_below_80_deg(eye: Camera) -> None:
     lens = Lens(eye)
     rng = np.random.default_rng(4)
     off_axis = rng.uniform(0.0, min(math.radians(80.0), lens.limit_rad), 500)
@@ -155,11 +155,11 @@ def test_opencv_draws_the_same_below_80_deg(eye: Eye) -> None:
     np.testing.assert_allclose(lens.project(rays), theirs[:, 0], atol=1e-7)
 
 
-def pixel(eye: Eye, x: float, y: float, z: float) -> FloatArray:
+def pixel(eye: Camera, x: float, y: float, z: float) -> FloatArray:
     return View(eye).pixels_of(np.array([[x, y, z]], dtype=float))[0]
 
 
-LEVEL = Eye(x_m=0.0, y_m=0.0, z_m=0.25, tilt_rad=0.0)
+LEVEL = Camera(x_m=0.0, y_m=0.0, z_m=0.25, tilt_rad=0.0)
 TILTED = LEVEL.model_copy(update={"tilt_rad": math.radians(45.0)})
 QUARTER_PX = 611.15 * math.pi / 4  # what 45 deg are in the picture
 
@@ -183,7 +183,7 @@ def test_a_tilt_of_45_deg_puts_the_horizon_ahead_at_its_row() -> None:
 
 
 def test_the_rear_camera_sees_the_robots_left_on_its_right() -> None:
-    rear = Eye(x_m=-0.05, heading_rad=math.pi, tilt_rad=0.0)
+    rear = Camera(x_m=-0.05, heading_rad=math.pi, tilt_rad=0.0)
     np.testing.assert_allclose(pixel(rear, -1.05, 0, 0.25), [959.5, 539.5], atol=1e-9)
     np.testing.assert_allclose(pixel(rear, -1.05, 1, 0.25), [959.5 + QUARTER_PX, 539.5], atol=1e-9)
 
@@ -214,7 +214,7 @@ def test_the_mounting_is_three_turns_one_after_the_other(
 ) -> None:
     level = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # right is -y, down is -z, axis is x
     expected = turn("z", heading) @ turn("y", tilt) @ turn("x", roll) @ level
-    view = View(Eye(heading_rad=heading, tilt_rad=tilt, roll_rad=roll))
+    view = View(Camera(heading_rad=heading, tilt_rad=tilt, roll_rad=roll))
     np.testing.assert_allclose(view.to_robot, expected, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(view.to_robot), 1.0, atol=1e-12)
 
@@ -230,7 +230,7 @@ def test_a_point_along_a_pixels_direction_is_drawn_at_the_pixel(
     heading: float, tilt: float, x: float, y: float, distance: float
 ) -> None:
     view = View(
-        Eye(x_m=0.07, y_m=-0.03, z_m=0.31, heading_rad=heading, tilt_rad=tilt, roll_rad=0.2)
+        Camera(x_m=0.07, y_m=-0.03, z_m=0.31, heading_rad=heading, tilt_rad=tilt, roll_rad=0.2)
     )
     pixels = np.array([[x, y]])
     points = view.origin + distance * view.directions_of(pixels)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Camera, Eye, Strip
+from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
 from host.perception.jpeg_decoder import Image, OpenCvDecoder, TurboDecoder
 from host.perception.red_strip import Blob, StripFinder
@@ -23,7 +23,7 @@ from tests.perception.drawn_strips import (
     place,
 )
 
-CAMERA = Camera()
+CAMERA = Cameras()
 FRONT, REAR = CAMERA.front, CAMERA.rear
 
 
@@ -42,7 +42,7 @@ def apart_deg(found: float, true: float) -> float:
 
 @pytest.mark.parametrize("eye", [FRONT, REAR], ids=["front", "rear"])
 @pytest.mark.parametrize("brightness", [0.5, 1.0, 2.0])
-def test_bearings_all_around_are_the_drawn_ones(eye: Eye, brightness: float) -> None:
+def test_bearings_all_around_are_the_drawn_ones(eye: Camera, brightness: float) -> None:
     search = StripFinder(CAMERA, eye)
     numbers = np.random.default_rng(7)
     for picture_number in range(4):
@@ -106,12 +106,12 @@ def test_what_cannot_be_a_strip_is_dropped_with_its_reason(finder: StripFinder) 
 def test_what_is_too_small_for_the_reach_is_dropped() -> None:
     picture = background(FRONT, 3)
     draw_strip(picture, CAMERA, FRONT, place(FRONT, 0.2, 2.0))
-    near_only = StripFinder(Camera(max_range_m=1.0), FRONT)
+    near_only = StripFinder(Cameras(max_range_m=1.0), FRONT)
     assert drop_reasons(near_only, picture) == ["too_small"]
 
 
 def test_red_on_the_own_body_is_no_teammate() -> None:
-    low = Eye(z_m=0.2, tilt_rad=1.2)  # such a camera has its bonnet in the rows where strips are
+    low = Camera(z_m=0.2, tilt_rad=1.2)  # such a camera has its bonnet in the rows where strips are
     search = StripFinder(CAMERA, low)
     picture = background(low, 4)
     x, y = pixel_of(np.array([0.16, 0.0, 0.0]), low)
@@ -148,7 +148,7 @@ def test_half_a_strip_says_that_its_middle_may_be_aside(finder: StripFinder) -> 
 
 
 def test_another_colour_by_configuration() -> None:
-    camera = Camera(strip=Strip(hue_deg=215.0, hue_width_deg=40.0))
+    camera = Cameras(strip=Strip(hue_deg=215.0, hue_width_deg=40.0))
     search = StripFinder(camera, FRONT)
     picture = background(FRONT, 8)
     draw_strip(picture, camera, FRONT, place(FRONT, 0.3, 1.0), (200, 90, 20))
@@ -162,7 +162,9 @@ def test_view_is_what_the_picture_shows_of_the_horizon() -> None:
     assert (centre, half) == pytest.approx((0.0, math.pi / 2), abs=0.02)
     centre, half = StripFinder(CAMERA, REAR).geometry.view
     assert abs(wrap(centre - math.pi)) < 0.02
-    narrow = Eye(focal_px=611.15, width_px=1280, centre_x_px=639.5, heading_rad=0.7, tilt_rad=0.0)
+    narrow = Camera(
+        focal_px=611.15, width_px=1280, centre_x_px=639.5, heading_rad=0.7, tilt_rad=0.0
+    )
     centre, half = StripFinder(CAMERA, narrow).geometry.view
     assert (centre, half) == pytest.approx((0.7, 640 / 611.15), abs=0.02)
 
@@ -171,7 +173,7 @@ def test_view_is_what_the_picture_shows_of_the_horizon() -> None:
 def test_what_a_steep_camera_shows_on_both_sides_but_not_ahead_is_not_in_view(
     heading: float,
 ) -> None:
-    eye = Eye(tilt_rad=0.95, heading_rad=heading)
+    eye = Camera(tilt_rad=0.95, heading_rad=heading)
     centre, half = StripFinder(CAMERA, eye).geometry.view
     assert half > 0.5
     offsets = np.linspace(-math.pi, math.pi, 181)
@@ -182,20 +184,20 @@ def test_what_a_steep_camera_shows_on_both_sides_but_not_ahead_is_not_in_view(
 
 
 def test_a_short_reach_does_not_widen_the_view() -> None:
-    centre, half = StripFinder(Camera(max_range_m=1.0), FRONT).geometry.view
+    centre, half = StripFinder(Cameras(max_range_m=1.0), FRONT).geometry.view
     assert (centre, half) == pytest.approx((0.0, math.pi / 2), abs=0.06)
 
 
 def test_a_camera_that_looks_away_from_the_horizon_finds_nothing() -> None:
-    search = StripFinder(CAMERA, Eye(tilt_rad=1.57, focal_px=1200.0))
+    search = StripFinder(CAMERA, Camera(tilt_rad=1.57, focal_px=1200.0))
     bearings = search.find(encode(background(FRONT, 9)), 0.0)
     assert bearings is not None
     assert len(bearings.bearings) == 0
     assert search.geometry.view[1] == 0.0
 
 
-def small_eye() -> Eye:
-    return Eye(width_px=384, height_px=208, focal_px=122.0, centre_x_px=191.5, centre_y_px=103.5)
+def small_eye() -> Camera:
+    return Camera(width_px=384, height_px=208, focal_px=122.0, centre_x_px=191.5, centre_y_px=103.5)
 
 
 def small_jpegs(count: int) -> list[bytes]:
@@ -256,7 +258,7 @@ def test_a_picture_all_in_the_strips_colour_is_survived(finder: StripFinder) -> 
 @pytest.mark.parametrize("grey", [0, 128])
 def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
     everything = Strip(hue_width_deg=180.0, saturation_min=0.0, value_min=0.0)
-    search = StripFinder(Camera(strip=everything), small_eye())
+    search = StripFinder(Cameras(strip=everything), small_eye())
     picture = np.full((small_eye().height_px, small_eye().width_px, 3), grey, np.uint8)
     assert drop_reasons(search, picture) == ["colourless"]
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from host.config import Lidar
 from host.drivers.x4.packets import UNIT_RAD, UNITS_PER_TURN, encode_turn
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import SECTORS, Path
 from host.messages import Positions, Scan
 from host.perception import turrets
@@ -81,7 +81,7 @@ def test_through_the_bytes_of_an_x4(distance: float) -> None:
         ways = Scene([turret(place)], ROOM).distances(beams.origins, beams.directions)
         ranges = np.hypot(*(beams.origins + ways[:, None] * beams.directions).T)
         packets = encode_turn(raw_units % UNITS_PER_TURN, np.rint(ranges * 4000).astype(int))
-        (scan,) = Decoder().feed(b"".join(packets) + NEXT_TURN, 0.0)
+        (scan,) = ScanDecoder().feed(b"".join(packets) + NEXT_TURN, 0.0)
         assert np.hypot(*(only_one(find(scan)) - place)) < 0.006, f"bearing {bearing}"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from host.config import Lidar
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import Path
 from host.perception import turrets
 from tests.x4_turns import NEXT_TURN, recorded_turns
@@ -39,7 +39,7 @@ def test_the_cone_is_found_where_it_was_put(
     label_m = float((folder / f"{name}.txt").read_text().split()[1])
     cones, sigmas, others = [], [], []
     for turn in recorded_turns(folder / f"{name}.csv"):
-        (scan,) = Decoder().feed(turn.stream + NEXT_TURN, 0.0)
+        (scan,) = ScanDecoder().feed(turn.stream + NEXT_TURN, 0.0)
         found = turrets.find(scan, LIDAR, Path())
         ranges = np.hypot(*found.positions.T)
         bearings = np.arctan2(found.positions[:, 1], found.positions[:, 0])

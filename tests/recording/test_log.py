@@ -27,9 +27,11 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.recording.log import Header, Recorder, Recording
+from host.recording.log import Recorder, Recording, RecordingHeader
 
-HEADER = Header(RobotConfig(name="tester", lidar=Lidar(delay_s=0.1)), "lidar", "arena4:seed=1")
+HEADER = RecordingHeader(
+    RobotConfig(name="tester", lidar=Lidar(delay_s=0.1)), "lidar", "arena4:seed=1"
+)
 KINDS = (Scan, Positions, Bearings, Displacement, Estimate, Truth, Health)
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

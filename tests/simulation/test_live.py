@@ -19,7 +19,7 @@ from host.drivers.serial_port import open_port, read_available
 from host.drivers.x4.commands import INFO, SCAN, DeviceInfo
 from host.drivers.x4.device import X4
 from host.drivers.x4.packets import BAUDRATE
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.errors import UserError
 from host.messages import Bearings, Bodies, Displacement, Health, Message, Scan
 from host.simulation.devices.board import BoardKind, best_board
@@ -140,7 +140,7 @@ def test_unplugging_fails_the_host_and_plugging_gives_a_new_port(tmp_path: Path)
 
 
 def test_the_lidars_port_answers_and_scans_when_asked() -> None:
-    decoder = Decoder()
+    decoder = ScanDecoder()
     with LiveSimulation(ARENA, RobotConfig()) as live:
         assert live.config.lidar.delay_s == 0.0
         port = open_port(live.config.lidar.port, BAUDRATE, dtr=False)

@@ -16,7 +16,7 @@ from host.messages import Bearings, Displacement, Message, Scan, Truth
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse
-from host.simulation.world.sensors import Encoders
+from host.simulation.world.sensors import SimulatedEncoders
 
 CONFIG = RobotConfig()
 Kind = TypeVar("Kind")
@@ -160,7 +160,7 @@ def test_who_forgets_does_not_grow() -> None:
     """The size is that of all that a lone robot's encoders and arena remember, pickled."""
     scenario = parse("arena4:robots=1,posts=0,speed_mps=0")
     arena = Arena(scenario)
-    encoders = Encoders(arena, 0, scenario, CONFIG.wheels)
+    encoders = SimulatedEncoders(arena, 0, scenario, CONFIG.wheels)
     sizes = []
     for now in np.arange(1.0, 121.0):
         encoders.ticks(now)

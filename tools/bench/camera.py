@@ -23,7 +23,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from host.config import Camera
+from host.config import Cameras
 from host.geometry import wrap
 from host.perception.jpeg_decoder import OpenCvDecoder
 from host.perception.lens import View
@@ -31,7 +31,7 @@ from host.perception.red_strip import StripFinder
 from host.simulation.pictures.render import Look, frames
 from host.simulation.pictures.sightings import Sightings
 
-CAMERA = Camera()
+CAMERA = Cameras()
 EYE = CAMERA.front
 SIZE = (EYE.width_px, EYE.height_px)
 LEAST_RATIO = {75: 4.0, 92: 3.0}  # of the usual pipeline's time, by JPEG quality

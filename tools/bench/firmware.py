@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from host.config import RobotConfig
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, VelocityFrame
 from host.drivers.romeo.session import settings_for
 from host.errors import UserError
@@ -48,7 +48,7 @@ def count(board: RomeoElf, edges: int, rate_hz: int, seconds: float) -> bool:
 
     The host streams commands and reads meanwhile.
     """
-    decoder = Decoder()
+    decoder = BoardDecoder()
     start = last_ticks(board, decoder)
     moved = 0
     for k in range(round(seconds / TALK_S)):
@@ -65,7 +65,7 @@ def count(board: RomeoElf, edges: int, rate_hz: int, seconds: float) -> bool:
     return (left - start[LEFT], right - start[RIGHT]) == (moved, -moved)
 
 
-def last_ticks(board: RomeoElf, decoder: Decoder) -> tuple[int, int]:
+def last_ticks(board: RomeoElf, decoder: BoardDecoder) -> tuple[int, int]:
     """The counts that the board reports, its wheels at rest."""
     board.run(board.now + 0.05)
     frames = [frame for _, data in board.take() for frame in decoder.feed(data)]

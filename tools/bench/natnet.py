@@ -13,7 +13,7 @@ import time
 import numpy as np
 from natnetsdk.NatNetClient import NatNetClient
 
-from host.drivers.natnet.protocol import Decoder, frame_of, frame_packet
+from host.drivers.natnet.protocol import MocapDecoder, frame_of, frame_packet
 from host.messages import Bodies
 
 VERSION = (4, 1)
@@ -33,7 +33,7 @@ def packets(bodies: int) -> list[bytes]:
 
 def ours(stream: list[bytes]) -> float:
     """Seconds a frame."""
-    decoder = Decoder(VERSION)
+    decoder = MocapDecoder(VERSION)
     begin = time.perf_counter()
     for packet in stream:
         decoder.feed(packet)

@@ -42,7 +42,7 @@ with warnings.catch_warnings():
     from stonesoup.updater.kalman import KalmanUpdater
     from stonesoup.updater.pointprocess import PHDUpdater
 
-from host.config import Filter, Lidar
+from host.config import FilterSettings, Lidar
 from host.estimator.phd import PhdFilter
 from host.evaluation.metrics import gospa
 from host.messages import Displacement, FloatArray, Positions
@@ -77,7 +77,7 @@ LIDAR = Lidar(
     clutter_per_m2=CLUTTER_PER_M2,
     blind_sectors=(),
 )
-FILTER = Filter(
+FILTER = FilterSettings(
     motion_noise_m=MOTION_M,
     motion_growth_per_s=0.0,
     obstacle_share=0.0,

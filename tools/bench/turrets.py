@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from host.config import RobotConfig
 from host.drivers.x4.commands import SCAN
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import Path, to_frame, wrap
 from host.messages import Displacement, FloatArray, Scan
 from host.perception import turrets
@@ -88,7 +88,7 @@ def record(scenario: Scenario) -> tuple[list[tuple[float, bytes]], Path, Arena]:
 
 
 def decode(chunks: list[tuple[float, bytes]]) -> list[Scan]:
-    decoder = Decoder()
+    decoder = ScanDecoder()
     return [scan for when, data in chunks for scan in decoder.feed(data, when)]
 
 

@@ -26,7 +26,7 @@ import numpy as np
 import PyLidar3
 
 from host.drivers.x4.packets import UNITS_PER_TURN, encode_turn
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 
 CHUNK = 512
 FLOOR_PYLIDAR3 = 3.0
@@ -75,7 +75,7 @@ class FakePort:
 
 
 def run_ours(stream: bytes) -> int:
-    decoder = Decoder()
+    decoder = ScanDecoder()
     points = 0
     for begin in range(0, len(stream), CHUNK):
         for scan in decoder.feed(stream[begin : begin + CHUNK], begin / 11_300):

@@ -13,7 +13,7 @@ import numpy as np
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import NAMES, STEPS, row_of
 from host.calibration.camera.pairs import EYES
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import View
@@ -62,7 +62,7 @@ def points_around(bearings: FloatArray, height_m: float) -> FloatArray:
     return np.stack((x, y, np.full_like(x, height_m)), axis=-1)
 
 
-def shown_sectors(eye: Eye, height_m: float) -> list[int]:
+def shown_sectors(eye: Camera, height_m: float) -> list[int]:
     """First bearings (deg) of the sectors in whose middle an eye shows strips, at any range.
 
     What it shows more than 90 deg aside of its heading, in the picture's corners, is the other
@@ -80,7 +80,7 @@ def shown_sectors(eye: Eye, height_m: float) -> list[int]:
     return kept
 
 
-def sectors(fit: CameraFit, number: int, camera: Camera) -> list[Sector]:
+def sectors(fit: CameraFit, number: int, camera: Cameras) -> list[Sector]:
     """The sectors of one eye, as it is fitted (where it is not: as it is configured)."""
     off = bearing_errors(fit.eyes[number], fit.pairs.at(fit.delay), fit.pairs.strips.pixels)
     mine = fit.used & (fit.pairs.strips.eyes == number) & np.isfinite(off)
@@ -100,7 +100,7 @@ def bearings_of(fit: CameraFit) -> FloatArray:
     return np.asarray(np.arctan2(y, x))
 
 
-def bearing_errors(eye: Eye, points: FloatArray, pixels: FloatArray) -> FloatArray:
+def bearing_errors(eye: Camera, points: FloatArray, pixels: FloatArray) -> FloatArray:
     """Bearings that `pixels` (n, 2) mean, less those of `points` (n, 3) from the eye: (n,) rad."""
     x, y, _ = View(eye).directions_of(pixels).T
     return np.asarray(
@@ -108,7 +108,7 @@ def bearing_errors(eye: Eye, points: FloatArray, pixels: FloatArray) -> FloatArr
     )
 
 
-def _predicted(fit: CameraFit, number: int, first: int, camera: Camera) -> float:
+def _predicted(fit: CameraFit, number: int, first: int, camera: Cameras) -> float:
     """Standard deviation (rad) of bearings in a sector, by the fit's covariance."""
     middle = np.radians(first + SECTOR_DEG * np.array([0.1, 0.5, 0.9]))
     points = points_around(middle, camera.strip.height_m).reshape(-1, 3)

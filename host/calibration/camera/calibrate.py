@@ -23,7 +23,7 @@ from host.calibration.camera.verdict import Halves, verdict
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.time_offset import scan
-from host.config import Eye
+from host.config import Camera
 from host.errors import UserError
 from host.geometry import wrap
 from host.messages import FloatArray
@@ -107,7 +107,7 @@ def advice(gathered: Gathered) -> list[str]:
         missing.append(f"drive on: {count} strips were seen so far, {_ENOUGH_STRIPS} are needed")
     for name in EYES:
         if _exists(gathered, name):
-            eye: Eye = getattr(config.camera, name)
+            eye: Camera = getattr(config.camera, name)
             seen = [b.bearings for b in messages if b.eye == name]
             place = np.degrees(wrap(np.concatenate([*seen, np.zeros(0)])))
             shown = shown_sectors(eye, config.camera.strip.height_m)
@@ -128,7 +128,7 @@ def advice(gathered: Gathered) -> list[str]:
 
 def _exists(gathered: Gathered, name: str) -> bool:
     """Whether the robot has this camera: it is configured, or something came from it."""
-    eye: Eye = getattr(gathered.config.camera, name)
+    eye: Camera = getattr(gathered.config.camera, name)
     return eye.source != "none" or any(b.eye == name for b in gathered.bearings)
 
 
@@ -148,7 +148,7 @@ def _rows(
     gathered: Gathered,
     fit: CameraFit,
     halves: Halves,
-    known: Mapping[str, Eye],
+    known: Mapping[str, Camera],
     off: FloatArray,
 ) -> tuple[Fitted, ...]:
     camera = gathered.config.camera

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from host.config import Eye
+from host.config import Camera
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens, equidistant_limit, equidistant_radius
@@ -51,7 +51,7 @@ class LensFit:
     angles: for each view (n,) rad, how far off the axis the corners were.
     """
 
-    eye: Eye
+    eye: Camera
     poses: FloatArray
     errors: tuple[FloatArray, ...]
     used: tuple[BoolArray, ...]
@@ -86,7 +86,7 @@ def board_corners(columns: int, rows: int, square_m: float) -> FloatArray:
     return square_m * np.stack((x.ravel(), y.ravel()), axis=1).astype(float)
 
 
-def fit_lens(views: Sequence[BoardView], eye: Eye) -> LensFit:
+def fit_lens(views: Sequence[BoardView], eye: Camera) -> LensFit:
     """Fit the lens of the camera `eye`, of which only the picture's size is trusted.
 
     A corner is left out if the robust first fit misses it by more than 2 px and by more than 6
@@ -208,7 +208,7 @@ class _Corners:
         return np.asarray(found.x)
 
 
-def _start(corners: _Corners, views: Sequence[BoardView], eye: Eye) -> FloatArray:
+def _start(corners: _Corners, views: Sequence[BoardView], eye: Camera) -> FloatArray:
     """Values to begin with: the plain lens, of many focal lengths, that explains the views best."""
     middle = (0.5 * (eye.width_px - 1), 0.5 * (eye.height_px - 1))
     best, best_miss = None, math.inf
@@ -226,17 +226,17 @@ def _start(corners: _Corners, views: Sequence[BoardView], eye: Eye) -> FloatArra
     return best
 
 
-def _plain(eye: Eye, focal: float, centre: tuple[float, float]) -> Eye:
+def _plain(eye: Camera, focal: float, centre: tuple[float, float]) -> Camera:
     changes = {"lens": "equidistant", "focal_px": float(focal), "k1": 0.0, "k2": 0.0}
     changes |= {"centre_x_px": centre[0], "centre_y_px": centre[1]}
     return eye.model_copy(update=changes)
 
 
-def _eye_of(values: FloatArray, eye: Eye) -> Eye:
+def _eye_of(values: FloatArray, eye: Camera) -> Camera:
     focal, x, y, k1, k2 = (float(value) for value in values[:5])
     settings = _plain(eye, focal, (x, y)).model_dump() | {"k1": k1, "k2": k2}
     try:
-        return Eye.model_validate(settings)
+        return Camera.model_validate(settings)
     except ValidationError as error:
         name = error.errors()[0]["loc"][0]
         raise _not_a_lens(f"the best one has {name} = {settings[str(name)]:.4g}") from error

@@ -26,7 +26,7 @@ from host.calibration.camera.model import (
 )
 from host.calibration.camera.pairs import EYES, LEAST_PAIRS, Reference, Strips
 from host.calibration.camera.search import likely_starts
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
 
@@ -59,7 +59,7 @@ class CameraFit:
     used: BoolArray
     noise: float
     errors: FloatArray
-    eyes: tuple[Eye, Eye]
+    eyes: tuple[Camera, Camera]
     fitted: tuple[bool, bool]
 
     @property
@@ -75,7 +75,7 @@ class CameraProblem:
     """
 
     def __init__(
-        self, strips: Strips, reference: Reference, camera: Camera, lenses: Mapping[str, Eye]
+        self, strips: Strips, reference: Reference, camera: Cameras, lenses: Mapping[str, Camera]
     ) -> None:
         self.strips, self.camera, self._lenses = strips, camera, lenses
         self._reference = reference

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.calibration.camera.pairs import EYES, Strips
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import equidistant_radius, mounting_rotation
 
@@ -40,7 +40,7 @@ class Pairs:
         return self.points - (delay - self.delay) * self.velocities
 
 
-def equidistant(eye: Eye) -> Eye:
+def equidistant(eye: Camera) -> Camera:
     """An eye whose lens is "equidistant", and draws 90 deg off the axis where the given one does.
 
     The fit knows no other lens.
@@ -56,9 +56,9 @@ def row_of(values: FloatArray, number: int) -> FloatArray:
     return values[len(NAMES) * number :][: len(NAMES)]
 
 
-def eye_of(values: FloatArray, number: int, camera: Camera) -> Eye:
+def eye_of(values: FloatArray, number: int, camera: Cameras) -> Camera:
     """An eye as the values (23,) of a fit have it; what these do not hold is as in `camera`."""
-    configured: Eye = getattr(camera, EYES[number])
+    configured: Camera = getattr(camera, EYES[number])
     row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
     # A fit may go round past the rear.
     row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)

@@ -10,7 +10,7 @@ from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
 from host.calibration.camera.pairs import EYES
 from host.calibration.gathered import Gathered
-from host.calibration.result import Picture, Series
+from host.calibration.result import ReportPicture, Series
 from host.calibration.robust.time_offset import DelayCurve
 from host.messages import BoolArray, FloatArray
 
@@ -20,7 +20,7 @@ _BEARING = "bearing in the robot frame, deg (left is positive)"
 
 def pictures(
     gathered: Gathered, fit: CameraFit, table: Mapping[int, list[Sector]], curve: DelayCurve
-) -> tuple[Picture, ...]:
+) -> tuple[ReportPicture, ...]:
     """Coverage, what is left of the errors, the delay's curve, and before and after."""
     bearings = np.degrees(bearings_of(fit))
     points = fit.pairs.at(fit.delay)
@@ -29,14 +29,14 @@ def pictures(
     shown = fit.used & np.isfinite(after)
     return (
         *(_in_picture(fit, number) for number in table),
-        Picture(
+        ReportPicture(
             title="Where teammates were",
             x_label=_BEARING,
             y_label="range, m",
             series=_by_eye(fit, shown, bearings, ranges),
             caption="Views should be all around, near and far.",
         ),
-        Picture(
+        ReportPicture(
             title="How well bearings are known",
             x_label=_BEARING,
             y_label="sigma, deg",
@@ -51,21 +51,21 @@ def pictures(
             ),
             caption="Predicted for each sector, with or without views in it.",
         ),
-        Picture(
+        ReportPicture(
             title="Errors of bearings by bearing",
             x_label=_BEARING,
             y_label="error, deg",
             series=_by_eye(fit, shown, bearings, after),
             caption="Good is a band about 0; waves mean a lens that the model does not know.",
         ),
-        Picture(
+        ReportPicture(
             title="Errors of bearings by range",
             x_label="range, m",
             y_label="error, deg",
             series=_by_eye(fit, shown, ranges, after),
             caption="Good is a band about 0 at any range.",
         ),
-        Picture(
+        ReportPicture(
             title="The delay",
             x_label="delay, ms",
             y_label="share of strips not explained",
@@ -78,7 +78,7 @@ def pictures(
             ),
             caption="Good is one narrow valley; a flat one tells no delay.",
         ),
-        Picture(
+        ReportPicture(
             title="Before and after",
             x_label=_BEARING,
             y_label="error, deg",
@@ -102,11 +102,11 @@ def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatAr
     return np.degrees(after), np.degrees(before)
 
 
-def _in_picture(fit: CameraFit, number: int) -> Picture:
+def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
     mine = fit.pairs.strips.eyes == number
     x, y = fit.pairs.strips.pixels.T
     up = fit.eyes[number].height_px - y
-    return Picture(
+    return ReportPicture(
         title=f"Strips in the picture of the {EYES[number]} camera",
         x_label="x, px",
         y_label="above the lower border, px",

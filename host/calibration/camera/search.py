@@ -9,7 +9,7 @@ import numpy as np
 
 from host.calibration.camera.model import NAMES, eye_of
 from host.calibration.camera.pairs import EYES, LEAST_PAIRS, Reference, Strips
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import FloatArray
 from host.perception.lens import View
 
@@ -24,7 +24,7 @@ _APART_S = 0.12  # delays nearer to each other are refined to the same
 def likely_starts(
     strips: Strips,
     reference: Reference,
-    camera: Camera,
+    camera: Cameras,
     mean: FloatArray,
     lenses_known: tuple[bool, ...],
 ) -> list[FloatArray]:
@@ -59,7 +59,7 @@ def likely_starts(
     return [best[first], best[int(np.argmax(total))]]
 
 
-def _azimuths(eye: Eye, focals: FloatArray, pixels: FloatArray) -> FloatArray:
+def _azimuths(eye: Camera, focals: FloatArray, pixels: FloatArray) -> FloatArray:
     """Azimuths (f, k) rad of pixels (k, 2), with the eye's focal length times each of `focals`."""
     rows = []
     for focal in focals.tolist():

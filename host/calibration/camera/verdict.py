@@ -17,7 +17,7 @@ from host.calibration.camera.bearing_errors import (
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.pairs import EYES
 from host.calibration.result import Check
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.perception.lens import equidistant_limit
 
 _SIGMA_DEG, _HALVES_DEG = 0.3, 1.0  # of bearings
@@ -27,7 +27,7 @@ Halves = tuple[CameraFit, CameraFit] | None
 
 
 def verdict(
-    camera: Camera, fit: CameraFit, halves: Halves, table: Mapping[int, list[Sector]]
+    camera: Cameras, fit: CameraFit, halves: Halves, table: Mapping[int, list[Sector]]
 ) -> tuple[Check, ...]:
     """Every condition on the fit. halves: of the fit; table: the sectors of each eye, by number."""
     checks = []
@@ -126,7 +126,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
         )
     ]
     try:
-        Eye.model_validate(eye.model_dump())
+        Camera.model_validate(eye.model_dump())
     except ValidationError as error:
         wrong = ", ".join(str(detail["loc"][0]) for detail in error.errors())
         checks.append(
@@ -144,7 +144,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
 
 
 def _agreement(
-    camera: Camera, fit: CameraFit, halves: Halves, table: Mapping[int, list[Sector]]
+    camera: Cameras, fit: CameraFit, halves: Halves, table: Mapping[int, list[Sector]]
 ) -> Check:
     """Whether both halves of the data give the same bearings, where both had views."""
     apart = math.inf

@@ -29,8 +29,8 @@ from host.calibration.detection.lidar_views import (
 )
 from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
 from host.calibration.gathered import Gathered, Tracks
-from host.calibration.result import Calibration, Check, Fitted, Picture
-from host.config import Camera, Lidar
+from host.calibration.result import Calibration, Check, Fitted, ReportPicture
+from host.config import Cameras, Lidar
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
 
@@ -49,7 +49,7 @@ class _Part:
 
     fitted: list[Fitted] = field(default_factory=list)
     checks: list[Check] = field(default_factory=list)
-    pictures: list[Picture] = field(default_factory=list)
+    pictures: list[ReportPicture] = field(default_factory=list)
     settings: dict[str, Any] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
     residuals: str = ""
@@ -149,7 +149,7 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
     return part
 
 
-def _cameras(camera: Camera, survey: CameraSurvey) -> _Part:
+def _cameras(camera: Cameras, survey: CameraSurvey) -> _Part:
     views = survey.views
     if not len(views):
         raise _nobody("the cameras", "picture")
@@ -253,7 +253,7 @@ def _rate_row(
     )
 
 
-def _curve(section: str, config: Lidar | Camera, views: Views) -> tuple[RangeCurve, list[Fitted]]:
+def _curve(section: str, config: Lidar | Cameras, views: Views) -> tuple[RangeCurve, list[Fitted]]:
     """The curve of one sensor, and its three rows."""
     configured = config.half_range_m, config.range_steepness_per_m
     curve = fit_curve(views, configured)

@@ -9,7 +9,7 @@ from host.calibration.detection.camera_views import CameraSurvey
 from host.calibration.detection.clutter import Clutter
 from host.calibration.detection.lidar_views import LidarSurvey
 from host.calibration.detection.range_curve import RangeCurve, Views
-from host.calibration.result import Picture, Series
+from host.calibration.result import ReportPicture, Series
 from host.messages import BoolArray, FloatArray
 
 _BIN_M, _BIN_RAD = 0.25, math.radians(5.0)
@@ -24,7 +24,7 @@ def lidar_pictures(
     curve: RangeCurve,
     sectors: list[Sector],
     clutter: Clutter,
-) -> list[Picture]:
+) -> list[ReportPicture]:
     """Detection by range and by bearing, what is off, and clutter; clear (n,): not blind."""
     views = survey.views
     seen = clear & views.seen
@@ -33,7 +33,7 @@ def lidar_pictures(
     return [
         _by_range("lidar", views.part(clear), curve),
         _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
-        Picture(
+        ReportPicture(
             title="What the lidar's readings are off",
             x_label="range, m",
             y_label="reading minus truth, mm",
@@ -43,7 +43,7 @@ def lidar_pictures(
             ),
             caption="Readings that lie evenly about zero: mounting and delay are right.",
         ),
-        Picture(
+        ReportPicture(
             title="False candidates on the floor",
             x_label="x, m",
             y_label="y, m",
@@ -62,7 +62,7 @@ def lidar_pictures(
     ]
 
 
-def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[Picture]:
+def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPicture]:
     """Detection by range and by bearing, what bearings are off, and false ones."""
     views = survey.views
     seen = views.seen
@@ -71,14 +71,14 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[Picture]:
     return [
         _by_range("cameras", views, curve),
         _by_bearing("cameras", views.part(views.distances < _BLIND_M), []),
-        Picture(
+        ReportPicture(
             title="What the cameras' bearings are off",
             x_label="bearing, deg",
             y_label="bearing minus truth, deg",
             series=(_points(np.degrees(views.bearings[seen]), errors),),
             caption="A wave about zero is a lens or a mounting that is not right yet.",
         ),
-        Picture(
+        ReportPicture(
             title="False bearings",
             x_label="time, s",
             y_label="bearing, deg",
@@ -104,11 +104,11 @@ def _shares(
     return (0.5 * (edges[1:] + edges[:-1]))[some], hits[some] / total[some]
 
 
-def _by_range(sensor: str, views: Views, curve: RangeCurve) -> Picture:
+def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
     end = float(views.distances.max()) + _BIN_M
     middles, shares = _shares(views.distances, views.seen, np.arange(0.0, end, _BIN_M))
     line = np.linspace(0.0, end, 100)
-    return Picture(
+    return ReportPicture(
         title=f"Detection by range, {sensor}",
         x_label="range, m",
         y_label="share of views",
@@ -120,7 +120,7 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> Picture:
     )
 
 
-def _by_bearing(sensor: str, views: Views, sectors: list[Sector]) -> Picture:
+def _by_bearing(sensor: str, views: Views, sectors: list[Sector]) -> ReportPicture:
     edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
     middles, shares = _shares(views.bearings, views.seen, edges)
     line = np.radians(np.arange(-180.0, 180.0, 0.25))
@@ -133,7 +133,7 @@ def _by_bearing(sensor: str, views: Views, sectors: list[Sector]) -> Picture:
         series.append(
             Series(x=np.degrees(line), y=open_share, label="blind sectors: 0", style="line")
         )
-    return Picture(
+    return ReportPicture(
         title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
         x_label="bearing, deg",
         y_label="share of views",

@@ -9,7 +9,7 @@ from host.calibration.detection.lidar_views import LidarSurvey
 from host.calibration.detection.range_curve import RangeCurve, Views
 from host.calibration.gathered import Gathered, Tracks
 from host.calibration.result import Check
-from host.config import Camera, Lidar
+from host.config import Cameras, Lidar
 from host.errors import UserError
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
@@ -59,7 +59,7 @@ def lidar_checks(
 
 
 def camera_checks(
-    survey: CameraSurvey, curve: RangeCurve, camera: Camera, mean: float
+    survey: CameraSurvey, curve: RangeCurve, camera: Cameras, mean: float
 ) -> list[Check]:
     """Conditions on what the cameras saw; mean (rad): the mean error of their bearings."""
     spread = survey.gate / 3.0

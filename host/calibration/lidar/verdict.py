@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.result import Check, Picture, Series
+from host.calibration.result import Check, ReportPicture, Series
 from host.calibration.robust.time_offset import DelayCurve
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
@@ -174,13 +174,13 @@ def checks(outcome: Outcome) -> tuple[Check, ...]:
     )
 
 
-def pictures(outcome: Outcome) -> tuple[Picture, ...]:
+def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
     """Coverage, residuals by range and by bearing, the delay curve, before and after."""
     ranges, bearings = outcome.polar
     used = outcome.truths[outcome.used]
     rejected = outcome.truths[~outcome.used]
     return (
-        Picture(
+        ReportPicture(
             title="Coverage",
             x_label="x (ahead), m",
             y_label="y (left), m",
@@ -194,7 +194,7 @@ def pictures(outcome: Outcome) -> tuple[Picture, ...]:
         ),
         _residuals(outcome, ranges, "range", "m", _bias(outcome)),
         _residuals(outcome, np.degrees(bearings), "bearing", "deg", _BEARING_CAPTION),
-        Picture(
+        ReportPicture(
             title="Delay",
             x_label="delay, ms",
             y_label="rms error, cut off at 100 mm, mm",
@@ -206,7 +206,7 @@ def pictures(outcome: Outcome) -> tuple[Picture, ...]:
             caption="How well the best mounting fits at each delay. Good is one narrow dip; "
             "where it is flat, the path does not tell the delay from a turn of the lidar.",
         ),
-        Picture(
+        ReportPicture(
             title="Before and after",
             x_label="error in x, mm",
             y_label="error in y, mm",
@@ -229,9 +229,11 @@ def _cloud(errors: FloatArray, label: str) -> Series:
     return Series(x=1e3 * errors[:, 0], y=1e3 * errors[:, 1], label=label)
 
 
-def _residuals(outcome: Outcome, x: FloatArray, name: str, unit: str, caption: str) -> Picture:
+def _residuals(
+    outcome: Outcome, x: FloatArray, name: str, unit: str, caption: str
+) -> ReportPicture:
     along, across = outcome.along_across
-    return Picture(
+    return ReportPicture(
         title=f"Residuals by {name}",
         x_label=f"{name}, {unit}",
         y_label="error, mm",

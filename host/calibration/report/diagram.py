@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from host.calibration.result import Picture, Series
+from host.calibration.result import ReportPicture, Series
 from host.messages import FloatArray
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ _STYLE: Any = {
 }
 
 
-def svg(picture: Picture, number: int) -> str:
+def svg(picture: ReportPicture, number: int) -> str:
     """The picture as an <svg> element; `number` keeps its ids apart from other pictures'.
 
     Raises ImportError where matplotlib is not installed.
@@ -58,7 +58,7 @@ def svg(picture: Picture, number: int) -> str:
     return "\n".join(line.strip() for line in element.split("\n"))
 
 
-def _draw(axes: "Axes", picture: Picture) -> None:
+def _draw(axes: "Axes", picture: ReportPicture) -> None:
     axes.set_xlabel(picture.x_label)
     axes.set_ylabel(picture.y_label)
     axes.grid(color=_FAINT, linewidth=0.6)

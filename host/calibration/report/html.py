@@ -17,7 +17,7 @@ from host.calibration.report.text import (
     value_and_sigma,
     verdict,
 )
-from host.calibration.result import Calibration, Fitted, Picture
+from host.calibration.result import Calibration, Fitted, ReportPicture
 from host.calibration.robot_file import in_lines
 from host.errors import UserError
 
@@ -201,7 +201,7 @@ def _checks(calibration: Calibration) -> str:
     return _table("Checks", head, rows)
 
 
-def _pictures(pictures: tuple[Picture, ...]) -> str:
+def _pictures(pictures: tuple[ReportPicture, ...]) -> str:
     if not pictures:
         return ""
     try:
@@ -211,7 +211,7 @@ def _pictures(pictures: tuple[Picture, ...]) -> str:
     return '<h2>Pictures</h2>\n<div class="pictures">\n' + "\n".join(figures) + "\n</div>"
 
 
-def _figure(picture: Picture, number: int) -> str:
+def _figure(picture: ReportPicture, number: int) -> str:
     label = f'<svg role="img" aria-label="{_text(picture.title)}"'
     drawn = diagram.svg(picture, number).replace("<svg", label, 1)
     caption = f"<figcaption>{_text(picture.caption)}</figcaption>" if picture.caption else ""

@@ -42,7 +42,7 @@ from host.calibration.wheels.verdict import (
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.messages import FloatArray
-from host.recording.optiodom import Run
+from host.recording.optiodom import OptiodomRun
 
 __all__ = [
     "Drive",
@@ -89,7 +89,7 @@ def drives_of(gathered: Gathered) -> list[Drive]:
     return drives
 
 
-def drive_of_run(run: Run) -> Drive:
+def drive_of_run(run: OptiodomRun) -> Drive:
     """A recorded run as a drive."""
     return Drive(run.times, run.ticks, run.truth_times, run.truth, run.name)
 

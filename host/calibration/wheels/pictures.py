@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from host.calibration.result import Picture, Series
+from host.calibration.result import ReportPicture, Series
 from host.calibration.wheels.fit import WINDOW_S, Fit
 from host.calibration.wheels.model import (
     LAGS,
@@ -30,7 +30,7 @@ def pictures(
     found: Fit,
     nominal: Geometry,
     driven: Coverage,
-) -> tuple[Picture, ...]:
+) -> tuple[ReportPicture, ...]:
     """Paths, headings, what was driven, and what the fit leaves.
 
     nominal: counts per turn and values, as configured.
@@ -44,7 +44,7 @@ def pictures(
     return (
         *paths,
         _headings(shown, before, after),
-        Picture(
+        ReportPicture(
             title="What was driven",
             x_label="speed, m/s",
             y_label="turn rate, deg/s",
@@ -71,11 +71,11 @@ def _both(drive: Drive, lag: FloatArray, geometry: Geometry) -> tuple[FloatArray
     return drive.truth[index], compose(start, steps)
 
 
-def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> Picture:
+def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> ReportPicture:
     true, old = _both(drive, lag, before)
     _, new = _both(drive, lag, after)
     rows = ((true, "motion capture"), (old, "wheels, before"), (new, "wheels, fitted"))
-    return Picture(
+    return ReportPicture(
         title=f"Path {drive.name}".rstrip(),
         x_label="x, m",
         y_label="y, m",
@@ -89,7 +89,7 @@ def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> P
 
 def _headings(
     shown: Sequence[tuple[Drive, FloatArray]], before: Geometry, after: Geometry
-) -> Picture:
+) -> ReportPicture:
     series = []
     for drive, lag in shown:
         for geometry, label in ((before, "before"), (after, "fitted")):
@@ -99,7 +99,7 @@ def _headings(
             series.append(
                 Series(x=times, y=error, label=f"{drive.name} {label}".strip(), style="line")
             )
-    return Picture(
+    return ReportPicture(
         title="Error of the heading",
         x_label="time, s",
         y_label="by the wheels minus true, deg",
@@ -108,11 +108,11 @@ def _headings(
     )
 
 
-def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> Picture:
+def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportPicture:
     used = found.windows.where(found.used)
     rates = np.degrees(motions(drives, used)[:, 2]) / WINDOW_S
     old = misses(drives, *before, used)
-    return Picture(
+    return ReportPicture(
         title="Heading missed in 2 s, by turn rate",
         x_label="turn rate, deg/s",
         y_label="by the wheels minus true, deg",

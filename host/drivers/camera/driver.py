@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from host.config import Eye
+from host.config import Camera
 from host.drivers.camera.controls import Controls
-from host.drivers.camera.files import Frame, Pipe, RecordedFile, Source
+from host.drivers.camera.files import Frame, FrameSource, Pipe, RecordedFile
 from host.drivers.camera.mjpeg import size_of
 from host.drivers.camera.usb import UsbCamera
 from host.drivers.camera.v4l2_device import absent, explain, is_video_device
@@ -39,7 +39,7 @@ class CameraDriver:
     """
 
     def __init__(
-        self, name: str, eye: Eye, delay_s: float, clock: Callable[[], float] = time.monotonic
+        self, name: str, eye: Camera, delay_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._name = name
         self._eye = eye
@@ -76,7 +76,7 @@ class CameraDriver:
             self._counts.update(_dropped(source))
             source.close()
 
-    def _watch(self, source: Source) -> None:
+    def _watch(self, source: FrameSource) -> None:
         """Hand out pictures and judge them, until `stop` is set. Raises UserError."""
         window = max(_HEALTH_PERIOD_S, 3.0 / self._eye.rate_hz)
         checked, before, torn = self._clock(), self._counts.copy(), 0
@@ -104,7 +104,7 @@ class CameraDriver:
         self._sequence += 1
 
     def _judge(
-        self, source: Source, news: "Counter[str]", torn: int, seconds: float
+        self, source: FrameSource, news: "Counter[str]", torn: int, seconds: float
     ) -> tuple[bool, str]:
         """How the last `seconds` were, and in words. news, torn: what was counted in them."""
         pictures, eye = news["pictures"], self._eye
@@ -128,7 +128,7 @@ class CameraDriver:
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))
 
-    def _report(self, ok: bool, reason: str, source: Source | None = None) -> None:
+    def _report(self, ok: bool, reason: str, source: FrameSource | None = None) -> None:
         """Emit Health at a change of state and once a second."""
         now = self._clock()
         if self._state == (ok, reason) and now < self._next_health:
@@ -138,12 +138,12 @@ class CameraDriver:
         self._emit(Health(now, self._name, ok, reason, {**self._counts, **counts}))
 
 
-def _dropped(source: Source) -> dict[str, int]:
+def _dropped(source: FrameSource) -> dict[str, int]:
     """What a source counted of what it did not give."""
     return {name: count for name, count in source.counts.items() if name != "pictures"}
 
 
-def open_source(eye: Eye, controls: Controls, clock: Callable[[], float]) -> Source:
+def open_source(eye: Camera, controls: Controls, clock: Callable[[], float]) -> FrameSource:
     """Open what `eye.source` names, found out by looking at it. Raises UserError."""
     path = eye.source
     try:

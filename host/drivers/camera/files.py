@@ -26,7 +26,7 @@ class Frame:
     time: float
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """Something that gives pictures. live: they come from a camera as they are taken."""
 
     live: bool

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import cv2
 
-from host.config import Eye
+from host.config import Camera
 from host.drivers.camera.controls import Controls
 from host.drivers.camera.files import Frame
 from host.drivers.camera.mjpeg import Splitter
@@ -79,7 +79,7 @@ class UsbCamera:
 
     live = True
 
-    def __init__(self, eye: Eye, controls: Controls, clock: Callable[[], float]) -> None:
+    def __init__(self, eye: Camera, controls: Controls, clock: Callable[[], float]) -> None:
         """Raises UserError where the camera cannot be used as `eye` wants it."""
         self._eye = eye
         self._clock = clock

@@ -10,13 +10,13 @@ from host.config import NatNet
 from host.drivers.natnet.frames import OLDEST, Frame
 from host.drivers.natnet.network import Link, explain
 from host.drivers.natnet.protocol import (
-    Decoder,
     Echo,
+    MocapDecoder,
     ServerInfo,
     bodies_of,
     connect,
 )
-from host.drivers.natnet.session import Session
+from host.drivers.natnet.session import MocapSession
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
 from host.messages import Health, Message
@@ -40,7 +40,7 @@ class NatNetClient:
         self._clock = clock
         self._emit: Callable[[Message], None] = lambda message: None
         self._stop = threading.Event()
-        self._decoder = Decoder()
+        self._decoder = MocapDecoder()
         self._counts = Counter(
             bodies=0, strangers=0, repeated=0, unstamped=0, clock_restarts=0, connections=0
         )
@@ -122,7 +122,7 @@ class NatNetClient:
 
     def _watch(self, link: Link, info: ServerInfo) -> None:
         """Take in what comes and judge it, until `stop` is set. Raises UserError."""
-        session = Session(self._clock, self._config, info)
+        session = MocapSession(self._clock, self._config, info)
         heard = checked = self._clock()
         before = self._totals()
         while not self._stop.is_set():
@@ -148,7 +148,7 @@ class NatNetClient:
                 session.tracked.clear()
                 session.bodies.clear()
 
-    def _take(self, session: Session, packet: bytes) -> None:
+    def _take(self, session: MocapSession, packet: bytes) -> None:
         value = self._decoder.feed(packet)
         if isinstance(value, Echo):
             self._counts["clock_restarts"] += session.answer(value)
@@ -169,7 +169,7 @@ class NatNetClient:
         self._emit(bodies)
 
     def _judge(
-        self, session: Session, link: Link, news: "Counter[str]", seconds: float
+        self, session: MocapSession, link: Link, news: "Counter[str]", seconds: float
     ) -> tuple[bool, str]:
         """How the last `seconds` were, and in words. news: what was counted in them."""
         name = _name(session.info)
@@ -197,7 +197,7 @@ class NatNetClient:
             words.append(f"not tracked: {lost}")
         return True, ", ".join([*words, session.clock_words()])
 
-    def _no_frames(self, session: Session, link: Link, news: "Counter[str]") -> UserError:
+    def _no_frames(self, session: MocapSession, link: Link, news: "Counter[str]") -> UserError:
         """Why a server that answers sends no frames, and what was tried."""
         info = session.info
         what = f"connected to {_name(info)} at {link.server}, but no frames come"

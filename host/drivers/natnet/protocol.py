@@ -55,7 +55,7 @@ class Echo:
     server: int
 
 
-class Decoder:
+class MocapDecoder:
     """What a client hears: packets in, values out; garbage is counted.
 
     version: of the server's frames; learnt from its ServerInfo where that comes by.

@@ -15,7 +15,7 @@ _FIRST_QUESTIONS = 8  # at once, so that the first frame finds a clock
 _ECHO_PATIENCE_S = 2.0  # then frames are stamped by their arrival
 
 
-class Session:
+class MocapSession:
     """What is known while connected.
 
     last_number: of the latest frame. stranger: address from which others sent packets. bodies,

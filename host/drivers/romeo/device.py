@@ -13,7 +13,7 @@ from host.config import RobotConfig
 from host.drivers.reconnect import keep_connected
 from host.drivers.romeo.differential_drive import wheel_speeds
 from host.drivers.romeo.ports import NAME, SKETCH_IDS
-from host.drivers.romeo.session import Session
+from host.drivers.romeo.session import BoardSession
 from host.drivers.serial_port import find_port, open_port, read_available
 from host.errors import UserError
 from host.messages import Health, Message
@@ -33,7 +33,7 @@ class Romeo:
         self._wheels = robot.wheels
         self._port = robot.board.port
         self._clock = clock
-        self._session = Session(robot)
+        self._session = BoardSession(robot)
         self._lock = threading.Lock()
         self._wanted: tuple[tuple[int, int], float] | None = None
         self._told: tuple[bool, str] | None = None

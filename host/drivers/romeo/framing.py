@@ -32,7 +32,7 @@ class Counts:
         return self.broken + self.bad_crc + self.unknown
 
 
-class Decoder:
+class BoardDecoder:
     """Bytes, cut anywhere, to frames. Never raises on what it is fed; counts what it refused."""
 
     def __init__(self) -> None:

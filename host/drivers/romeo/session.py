@@ -9,7 +9,7 @@ from dataclasses import asdict
 from host.config import RobotConfig
 from host.drivers.clock import ClockSync
 from host.drivers.romeo.differential_drive import displacement, wheel_speeds
-from host.drivers.romeo.framing import DELIMITER, Decoder, encode
+from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     PROTOCOL_HASH,
     DisplacementFrame,
@@ -30,13 +30,13 @@ STILL = (0, 0)
 _FLASH = "run `swarmloc flash`"
 
 
-class Session:
+class BoardSession:
     """What is known of the board, from one connection to the next."""
 
     def __init__(self, robot: RobotConfig) -> None:
         self._wheels = robot.wheels
         self._wanted_settings = settings_for(robot)
-        self._decoder = Decoder()
+        self._decoder = BoardDecoder()
         self._clock = ClockSync()
         self._counts = {"connections": 0, "restarts": 0, "lost": 0}
         self._by_board = {"dropped_by_board": 0, "refused_by_board": 0}

@@ -16,7 +16,7 @@ from host.drivers.serial_port import find_port, open_port, read_available
 from host.drivers.x4 import commands
 from host.drivers.x4.commands import DeviceHealth, DeviceInfo
 from host.drivers.x4.packets import BAUDRATE
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.errors import UserError
 from host.messages import Health, Message
 
@@ -40,7 +40,7 @@ class X4:
     def __init__(self, config: Lidar, clock: Callable[[], float] = time.monotonic) -> None:
         self._config = config
         self._clock = clock
-        self._decoder = Decoder()
+        self._decoder = ScanDecoder()
         self._emit: Callable[[Message], None] = lambda message: None
         self._stop = threading.Event()
         self._connections = 0

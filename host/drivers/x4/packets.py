@@ -50,7 +50,7 @@ def angle_correction(ranges: ArrayLike) -> FloatArray:
     return np.where(hit, angle, 0.0)
 
 
-class Header(NamedTuple):
+class PacketHeader(NamedTuple):
     """The fields of a packet that looks sound.
 
     turn_rate: in 0.1 turns a second, of the first packet of a turn, where the lidar tells it.
@@ -64,7 +64,7 @@ class Header(NamedTuple):
     span: int
 
 
-def _read_header(data: bytes, start: int) -> Header | None:
+def _read_header(data: bytes, start: int) -> PacketHeader | None:
     """The fields of the packet at `start` (10 bytes must be there); None for what no X4 sends."""
     _, kind, size, fsa, lsa, _ = _LAYOUT.unpack_from(data, start)
     first = fsa >> 1
@@ -79,7 +79,7 @@ def _read_header(data: bytes, start: int) -> Header | None:
         or span > _MAX_UNITS_PER_SAMPLE * size
     ):
         return None
-    return Header(kind & 1 == 1, kind >> 1, size, first, span)
+    return PacketHeader(kind & 1 == 1, kind >> 1, size, first, span)
 
 
 def xor_of_words(data: bytes) -> int:
@@ -93,7 +93,7 @@ def xor_of_words(data: bytes) -> int:
     return (x ^ x >> 16) & 0xFFFF
 
 
-def read_packet(data: bytes, start: int) -> Header | str | None:
+def read_packet(data: bytes, start: int) -> PacketHeader | str | None:
     """The packet that begins at `start` with AA 55, where it is sound.
 
     Else what is wrong with it, by the name of its counter; None where it takes more bytes to tell.

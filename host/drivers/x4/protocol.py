@@ -18,7 +18,7 @@ from host.drivers.x4.packets import (
     STEP_M,
     UNIT_RAD,
     UNITS_PER_TURN,
-    Header,
+    PacketHeader,
     angle_correction,
     read_packet,
 )
@@ -94,7 +94,7 @@ class _Turn:
         # sample, and the count of samples, each taken back to the turn's first sample.
         self.lines: list[tuple[float, float, int]] = []
 
-    def add(self, header: Header, content: bytes, count: int) -> None:
+    def add(self, header: PacketHeader, content: bytes, count: int) -> None:
         """Add a packet, `count` samples having been counted before it."""
         begin, size = self.total, header.size
         step = -UNIT_RAD * header.span / (size - 1) if size > 1 else 0.0
@@ -115,7 +115,7 @@ class _Turn:
         return Scan(float(times[-1]), times, angles, _RANGES.take(samples))
 
 
-class Decoder:
+class ScanDecoder:
     """Turns the byte stream of an X4, cut anywhere, into scans and replies.
 
     counts: by name, since the start. turn_rate_hz: as the lidar tells it, 0 where it does not.
@@ -151,7 +151,7 @@ class Decoder:
         self._arrivals: list[tuple[int, float]] = []  # (end in the buffer, when) of each chunk
         self._clock = SampleClock()
         self._turn = _Turn(0, whole=False)
-        self._previous: Header | None = None
+        self._previous: PacketHeader | None = None
         self._damaged = False  # something was dropped since the last good packet
 
     def take_replies(self) -> list[Reply]:
@@ -233,7 +233,7 @@ class Decoder:
         self._accept(header, self._buffer[start + HEADER_LENGTH : end], sent, scans)
         return length
 
-    def _accept(self, header: Header, content: bytes, sent: float, scans: list[Scan]) -> None:
+    def _accept(self, header: PacketHeader, content: bytes, sent: float, scans: list[Scan]) -> None:
         """Add a sound packet, which was `sent` at the latest, to its turn."""
         self.counts["packets"] += 1
         self.counts["points"] += header.size
@@ -257,7 +257,7 @@ class Decoder:
         turn.add(header, content, self._clock.count - header.size)
         self._previous = header
 
-    def _lost_before(self, header: Header) -> int:
+    def _lost_before(self, header: PacketHeader) -> int:
         """How many samples are missing between the last good packet and this one, by the angles."""
         self._damaged = False
         before = self._previous
@@ -270,7 +270,7 @@ class Decoder:
         self.counts["points_lost"] += lost
         return lost
 
-    def _next_turn(self, header: Header, scans: list[Scan]) -> _Turn:
+    def _next_turn(self, header: PacketHeader, scans: list[Scan]) -> _Turn:
         """End the turn under way before this packet."""
         turn = self._turn
         if turn.total and self._clock.offset is not None:

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.simulation.pictures.render import Renderer, Surroundings
 from host.simulation.world.scenarios import Scenario
 
@@ -16,7 +16,7 @@ FRONT, REAR = "front", "rear"
 _POLL_S = 0.05  # so often a waiting writer looks whether to stop
 
 
-class Pipe:
+class PictureFeed:
     """A named pipe as a camera's stream: who opens `path` reads from the next picture on."""
 
     def __init__(self, path: Path) -> None:
@@ -64,8 +64,8 @@ class LiveCameras:
         self,
         folder: Path,
         scenario: Scenario,
-        told: Camera,
-        true: Camera,
+        told: Cameras,
+        true: Cameras,
         surroundings: Callable[[float], Surroundings],
         clock: Callable[[], float],
     ) -> None:
@@ -75,7 +75,7 @@ class LiveCameras:
         self._start = 0.0
         self._stop = threading.Event()
         self._true = true
-        self._pipes = {name: Pipe(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
+        self._pipes = {name: PictureFeed(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
         changes = {
             name: eye.model_copy(
                 update={"source": str(self._pipes[name].path), "rate_hz": scenario.camera_hz}
@@ -102,7 +102,7 @@ class LiveCameras:
         for pipe in self._pipes.values():
             pipe.close()
 
-    def _run(self, name: str, eye: Eye) -> None:
+    def _run(self, name: str, eye: Camera) -> None:
         pipe = self._pipes[name]
         renderer = Renderer(self._true, eye, seed=self._scenario.seed)
         period, delay = 1.0 / self._scenario.camera_hz, self._scenario.camera_delay_s

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from host.drivers.romeo.framing import DELIMITER, Decoder, encode
+from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     ACCELERATION_MIN_TICKS_PER_S2,
     ACCELERATION_TICKS_PER_S2,
@@ -79,7 +79,7 @@ class RomeoStandIn:
     def _switch_on(self, now: float, first_count_us: int) -> None:
         self._start, self._first_count_us = now, first_count_us
         self._first_ticks = self._ticks(now)
-        self._decoder = Decoder()
+        self._decoder = BoardDecoder()
         self._misdirected = 0  # frames that only a board sends
         self._answers: deque[tuple[float, bytes]] = deque()
         self._greeted = False

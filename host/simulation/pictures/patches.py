@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.config import Camera
+from host.config import Cameras
 from host.geometry import to_frame
 from host.messages import FloatArray
 from host.simulation.pictures.solids import RED, Face
@@ -69,7 +69,7 @@ def _sheet(
     return corners
 
 
-def in_band(offsets: FloatArray, camera: Camera, eye_height_m: float) -> bool:
+def in_band(offsets: FloatArray, camera: Cameras, eye_height_m: float) -> bool:
     """Does anything at `offsets` (k, 3) m from the camera come where strips in reach appear?"""
     strip = camera.strip
     ends = strip.height_m - eye_height_m + 0.5 * strip.tall_m * np.array([-1.0, 1.0])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.messages import FloatArray
 from host.perception.lens import View
 from host.simulation.pictures.painting import Image, Painter, Sprite, lay
@@ -66,7 +66,9 @@ class Renderer:
     camera: its strip and ranges are used. The room's walls, floor and red patches are the seed's.
     """
 
-    def __init__(self, camera: Camera, eye: Eye, look: Look | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, camera: Cameras, eye: Camera, look: Look | None = None, seed: int = 0
+    ) -> None:
         self.view = View(eye)
         self._camera = camera
         self._look = look or Look()
@@ -161,8 +163,8 @@ def encode(picture: Image, quality: int) -> bytes:
 def frames(
     count: int,
     seed: int,
-    camera: Camera | None = None,
-    eye: Eye | None = None,
+    camera: Cameras | None = None,
+    eye: Camera | None = None,
     look: Look | None = None,
     teammates: int = 3,
     posts: int = 2,
@@ -174,7 +176,7 @@ def frames(
     The teammates stand at `ranges_m` from the camera, anywhere within 100 deg of its heading. The
     robot turns by up to `turn_rate_radps`. eye: the front one of `camera` where not given.
     """
-    camera = camera or Camera()
+    camera = camera or Cameras()
     eye = eye or camera.front
     renderer = Renderer(camera, eye, look, seed)
     random = np.random.default_rng([seed, count, 1])
@@ -191,7 +193,7 @@ def frames(
 def _scatter(
     teammates: int,
     posts: int,
-    eye: Eye,
+    eye: Camera,
     ranges_m: tuple[float, float],
     random: np.random.Generator,
 ) -> FloatArray:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import Bearings, IntArray
 from host.perception.red_strip import StripFinder
@@ -23,11 +23,11 @@ class SearchedCamera:
     """
 
     def __init__(
-        self, name: Literal["front", "rear"], told: Camera, true: Camera, seed: int
+        self, name: Literal["front", "rear"], told: Cameras, true: Cameras, seed: int
     ) -> None:
         self._strip = true.strip
-        told_eye: Eye = getattr(told, name)
-        true_eye: Eye = getattr(true, name)
+        told_eye: Camera = getattr(told, name)
+        true_eye: Camera = getattr(true, name)
         self._renderer = Renderer(true, true_eye, seed=seed)
         self._finder = StripFinder(told, told_eye, name=name)
 

@@ -2,7 +2,7 @@
 
 import math
 
-from host.config import Eye, RobotConfig
+from host.config import Camera, RobotConfig
 from host.simulation.world.scenarios import Scenario
 
 # Ordinary errors of a robot built by hand, times `Scenario.misbuilt`.
@@ -61,7 +61,7 @@ def _misbuilt(config: RobotConfig, share: float) -> RobotConfig:
     )
 
 
-def _turned(eye: Eye, by_rad: float) -> Eye:
+def _turned(eye: Camera, by_rad: float) -> Camera:
     """A camera turned to the left and tilted down by an angle."""
     heading = math.remainder(eye.heading_rad + by_rad, math.tau)
     return eye.model_copy(update={"heading_rad": heading, "tilt_rad": eye.tilt_rad + by_rad})

@@ -25,7 +25,7 @@ DARK_CELL_M = 0.05
 DARK_RUN_CELLS = 8.0
 
 
-class Lidar:
+class SimulatedLidar:
     """The X4 on one robot: ranges of samples taken one after another.
 
     Teammates and posts are cylinders of a turret's width; a teammate's turret stands at its
@@ -154,7 +154,7 @@ def _dark_cells(scenario: Scenario) -> BoolArray:
     return dark[:cells]
 
 
-class Camera:
+class SimulatedCamera:
     """The two fisheye cameras of one robot, as one sensor of bearings all around."""
 
     def __init__(self, arena: Arena, observer: int, scenario: Scenario) -> None:
@@ -207,7 +207,7 @@ def hidden(positions: FloatArray) -> BoolArray:
     return behind
 
 
-class Encoders:
+class SimulatedEncoders:
     """The wheel encoders of one robot: what its wheels turned, with slip."""
 
     def __init__(self, arena: Arena, observer: int, scenario: Scenario, wheels: Wheels) -> None:

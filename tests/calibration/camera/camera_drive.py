@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from host.calibration.gathered import Gathered
-from host.config import Camera, Eye, RobotConfig
+from host.config import Camera, Cameras, RobotConfig
 from host.messages import Bearings, Bodies, BoolArray, Displacement, FloatArray, Scan
 from host.perception.lens import View
 
@@ -107,14 +107,14 @@ def gather(
     seed: int = 0,
     mocap: bool = True,
     lidar_noise_m: float | None = None,
-    camera: Camera | None = None,
+    camera: Cameras | None = None,
 ) -> Gathered:
     """A recording of so many strips at even times, a share of which nobody wears.
 
     Time stamps are late by `delay_s`; the configuration is the default's, with a delay of 0.
     """
     rng = np.random.default_rng(seed)
-    config = RobotConfig(camera=camera or Camera(delay_s=0.0))
+    config = RobotConfig(camera=camera or Cameras(delay_s=0.0))
     gathered = Gathered(config)
     times = np.sort(rng.uniform(0.5, drive.seconds - 0.5, pairs))
     mates = drive.relative(times)
@@ -136,8 +136,8 @@ def gather(
     return gathered
 
 
-def _bearings(camera: Camera, eye: str, time: float, pixel: FloatArray) -> Bearings:
-    configured: Eye = getattr(camera, eye)
+def _bearings(camera: Cameras, eye: str, time: float, pixel: FloatArray) -> Bearings:
+    configured: Camera = getattr(camera, eye)
     across = (configured.centre_x_px - pixel[0]) / configured.focal_px
     bearing = np.array([configured.heading_rad + across])  # as rough as it may be
     return Bearings(time, bearing, np.array([1e-3]), eye=eye, pixels=pixel[None])
@@ -167,7 +167,7 @@ def _add_lidar(gathered: Gathered, drive: Drive, noise_m: float, rng: np.random.
         gathered.take(Displacement(float(end), 0.02, float(step.real), float(step.imag), turn))
 
 
-def bearing_errors_deg(camera: Camera) -> FloatArray:
+def bearing_errors_deg(camera: Cameras) -> FloatArray:
     """Errors of bearings by a configuration, all around, for strips at 0.5, 1 and 2 m."""
     found = []
     for reach in (0.5, 1.0, 2.0):
@@ -176,7 +176,7 @@ def bearing_errors_deg(camera: Camera) -> FloatArray:
             (reach * np.cos(around), reach * np.sin(around), np.full(360, STRIP_M)), axis=1
         )
         for name, mine in (("front", points[:, 0] > 0.0), ("rear", points[:, 0] <= 0.0)):
-            eye: Eye = getattr(camera, name)
+            eye: Camera = getattr(camera, name)
             pixels = GROUND[name].pixels(points[mine])
             visible = shown(pixels)
             rays = View(eye).directions_of(pixels[visible])

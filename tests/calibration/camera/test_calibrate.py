@@ -12,7 +12,7 @@ from host.calibration.camera.fit import CameraProblem
 from host.calibration.camera.pairs import reference_of, strips_of
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
-from host.config import Camera, Eye, RobotConfig
+from host.config import Camera, Cameras, RobotConfig
 from host.errors import UserError
 from host.messages import Bearings, Bodies
 from host.simulation.offline import Simulation
@@ -21,7 +21,7 @@ from host.simulation.world.scenarios import parse
 from tests.calibration.camera.camera_drive import FRONT, Drive, bearing_errors_deg, gather
 
 
-def camera_of(gathered: Gathered, calibration: Calibration) -> Camera:
+def camera_of(gathered: Gathered, calibration: Calibration) -> Cameras:
     """The configuration with what was fitted, checked as a robot.toml is."""
     settings = gathered.config.camera.model_dump()
     for key, value in calibration.new_settings().items():
@@ -30,10 +30,10 @@ def camera_of(gathered: Gathered, calibration: Calibration) -> Camera:
         for table in tables:
             place = place[table]
         place[name] = value
-    return Camera.model_validate(settings)
+    return Cameras.model_validate(settings)
 
 
-def p95_deg(camera: Camera) -> float:
+def p95_deg(camera: Cameras) -> float:
     return float(np.percentile(bearing_errors_deg(camera), 95))
 
 
@@ -130,21 +130,21 @@ def test_the_lidar_serves_where_there_is_no_motion_capture() -> None:
 
 
 def test_the_lens_of_a_checkerboard_is_kept() -> None:
-    eye = Eye(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
+    eye = Camera(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
     none = np.zeros(0)
     known = {"front": LensFit(eye, none, (none,), (none > 0.0,), (none,))}
     calibration = calibrate(gather(Drive(), pairs=300), known)
     rows = {row.key: row for row in calibration.fitted}
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):
         assert rows[f"camera.front.{name}"].value == getattr(eye, name)
-        assert rows[f"camera.rear.{name}"].value != getattr(Eye(), name)
+        assert rows[f"camera.rear.{name}"].value != getattr(Camera(), name)
     assert rows["camera.front.tilt_rad"].value == pytest.approx(math.radians(43.0), abs=0.03)
 
 
 def test_the_start_may_be_far_off_and_the_lens_of_another_model() -> None:
-    front = Eye(lens="orthographic", focal_px=960.0, heading_rad=math.radians(-20.0))
-    rear = Eye(heading_rad=math.radians(-158.0), tilt_rad=0.65)
-    configured = Camera(delay_s=0.1, front=front, rear=rear)
+    front = Camera(lens="orthographic", focal_px=960.0, heading_rad=math.radians(-20.0))
+    rear = Camera(heading_rad=math.radians(-158.0), tilt_rad=0.65)
+    configured = Cameras(delay_s=0.1, front=front, rear=rear)
     gathered = gather(Drive(), pairs=300, wrong=0.4, delay_s=0.4, camera=configured)
     camera = camera_of(gathered, calibrate(gathered))
     assert camera.front.lens == "equidistant"

@@ -18,12 +18,12 @@ from host.calibration.camera.checkerboard import (
     find_corners,
     fit_lens,
 )
-from host.config import Eye
+from host.config import Camera
 from host.errors import UserError
 from host.messages import FloatArray
 from host.perception.lens import Lens
 
-TRUE = Eye(focal_px=590.0, centre_x_px=975.0, centre_y_px=525.0, k1=-0.03, k2=0.003)
+TRUE = Camera(focal_px=590.0, centre_x_px=975.0, centre_y_px=525.0, k1=-0.03, k2=0.003)
 WIDE_DEG = (0, 25, -40, 55, -65, 70, 72)  # how far off the axis the board's middle is
 
 
@@ -34,7 +34,7 @@ def turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
     return c * vector + s * np.cross(axis, vector) + (1.0 - c) * along
 
 
-def seen(eye: Eye, points: FloatArray) -> FloatArray:
+def seen(eye: Camera, points: FloatArray) -> FloatArray:
     across = np.hypot(points[:, 0], points[:, 1])
     angle = np.arctan2(across, points[:, 2])
     radius = eye.focal_px * (angle + eye.k1 * angle**3 + eye.k2 * angle**5)
@@ -43,7 +43,7 @@ def seen(eye: Eye, points: FloatArray) -> FloatArray:
 
 
 def views_of(
-    eye: Eye, noise_px: float, off_axis_deg: tuple[int, ...] = WIDE_DEG, seed: int = 4
+    eye: Camera, noise_px: float, off_axis_deg: tuple[int, ...] = WIDE_DEG, seed: int = 4
 ) -> list[BoardView]:
     """A board held in many places, faced and tilted, as `eye` sees it."""
     rng = np.random.default_rng(seed)
@@ -62,7 +62,7 @@ def views_of(
     return views
 
 
-def ray_error_deg(eye: Eye, expected: Eye, to_deg: float) -> float:
+def ray_error_deg(eye: Camera, expected: Camera, to_deg: float) -> float:
     """Greatest difference of the angles that two lenses give to the same radii, up to an angle."""
     angles = np.radians(np.arange(1.0, to_deg))
     radii = Lens(expected).radius(angles)
@@ -72,7 +72,7 @@ def ray_error_deg(eye: Eye, expected: Eye, to_deg: float) -> float:
 @pytest.mark.parametrize("focal_px", [290.0, 590.0, 1100.0])
 def test_a_lens_is_found_from_exact_corners_whatever_was_configured(focal_px: float) -> None:
     eye = TRUE.model_copy(update={"focal_px": focal_px})
-    configured = Eye(lens="orthographic", focal_px=77.0, centre_x_px=0.0, k1=0.5, source="front")
+    configured = Camera(lens="orthographic", focal_px=77.0, centre_x_px=0.0, k1=0.5, source="front")
     fit = fit_lens(views_of(eye, 0.0), configured)
     assert fit.rms_px < 1e-5
     assert fit.reach_rad > np.radians(90.0)
@@ -84,7 +84,7 @@ def test_a_lens_is_found_from_exact_corners_whatever_was_configured(focal_px: fl
 
 def test_errors_are_drawn_minus_seen_of_the_fitted_lens_and_poses() -> None:
     views = views_of(TRUE, 0.3)
-    fit = fit_lens(views, Eye())
+    fit = fit_lens(views, Camera())
     for view, pose, errors, angles in zip(views, fit.poses, fit.errors, fit.angles, strict=True):
         size = np.linalg.norm(pose[:3])
         flat = np.column_stack((view.board, np.zeros(len(view.board))))
@@ -98,7 +98,7 @@ def test_errors_are_drawn_minus_seen_of_the_fitted_lens_and_poses() -> None:
 
 
 def test_noise_of_a_third_of_a_pixel_leaves_rays_known_to_a_tenth_of_a_degree() -> None:
-    fit = fit_lens(views_of(TRUE, 0.3), Eye())
+    fit = fit_lens(views_of(TRUE, 0.3), Camera())
     assert ray_error_deg(fit.eye, TRUE, 90.0) < 0.1
 
 
@@ -107,7 +107,7 @@ def test_misdetected_corners_are_left_out_and_no_others() -> None:
     wrong = [(0, 3), (2, 0), (2, 47), (3, 20), (5, 11), (6, 30)]
     for number, (view, corner) in enumerate(wrong):
         views[view].pixels[corner] += ((15.0, -6.0), (-4.0, 40.0))[number % 2]
-    fit = fit_lens(views, Eye())
+    fit = fit_lens(views, Camera())
     left_out = [(v, int(c)) for v, used in enumerate(fit.used) for c in np.flatnonzero(~used)]
     assert left_out == wrong
     assert ray_error_deg(fit.eye, TRUE, 90.0) < 0.1
@@ -116,25 +116,25 @@ def test_misdetected_corners_are_left_out_and_no_others() -> None:
 def test_it_does_not_matter_at_which_end_a_detector_began() -> None:
     views = views_of(TRUE, 0.2)
     reversed_views = [BoardView(v.board, v.pixels[::-1]) for v in views]
-    first, second = fit_lens(views, Eye()), fit_lens(reversed_views, Eye())
+    first, second = fit_lens(views, Camera()), fit_lens(reversed_views, Camera())
     assert first.rms_px == pytest.approx(second.rms_px, abs=1e-6)
     assert ray_error_deg(first.eye, second.eye, 90.0) < 1e-3
 
 
 def test_too_few_pictures_are_refused() -> None:
     with pytest.raises(UserError, match="2 pictures, 0 of them with fewer than 8 corners"):
-        fit_lens(views_of(TRUE, 0.0)[:2], Eye())
+        fit_lens(views_of(TRUE, 0.0)[:2], Camera())
     few = views_of(TRUE, 0.0)
     few[1] = BoardView(few[1].board[:5], few[1].pixels[:5])
     with pytest.raises(UserError, match="7 pictures, 1 of them"):
-        fit_lens(few, Eye())
+        fit_lens(few, Camera())
 
 
 def test_a_board_counted_wrong_fits_no_lens() -> None:
     views = views_of(TRUE, 0.2)[:4]
     miscounted = [BoardView(board_corners(6, 8, 0.03), view.pixels) for view in views]
     with pytest.raises(UserError, match="number of the board's inner corners"):
-        fit_lens(miscounted, Eye())
+        fit_lens(miscounted, Camera())
 
 
 def drawn_board() -> FloatArray:
@@ -178,7 +178,7 @@ def real_views(recorded: Callable[[str], Path]) -> list[BoardView]:
     return views
 
 
-REAL = Eye(width_px=1032, height_px=778)
+REAL = Camera(width_px=1032, height_px=778)
 
 
 @pytest.fixture(scope="module")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from host.calibration.camera import colour as strip_colour
-from host.config import Camera, Strip
+from host.config import Cameras, Strip
 from host.errors import UserError
 from host.perception.jpeg_decoder import OpenCvDecoder
 from host.perception.red_strip import StripFinder
 from host.perception.strip_geometry import StripGeometry
 from tests.perception.drawn_strips import background, draw_coat, draw_strip, encode, place
 
-CAMERA = Camera()
+CAMERA = Cameras()
 FRONT = CAMERA.front
 SIZE = (FRONT.width_px, FRONT.height_px)
 
@@ -61,7 +61,7 @@ def test_the_range_learnt_holds_the_paint_and_its_half_and_double_light(
 
 def test_a_box_teaches_any_colour_although_it_holds_background() -> None:
     jpeg = scene(painted(215.0, 0.8, 0.7))
-    (blob, _) = StripFinder(Camera(strip=Strip(hue_deg=215.0)), FRONT).blobs(jpeg)
+    (blob, _) = StripFinder(Cameras(strip=Strip(hue_deg=215.0)), FRONT).blobs(jpeg)
     box = (round(blob.x) - 60, round(blob.y) - 50, 120, 100)
     learnt = strip_colour.learn(strip_colour.pixels_in_box(reduced(jpeg), box), Strip())
     assert learnt.hue_deg == pytest.approx(215.0, abs=5.0)

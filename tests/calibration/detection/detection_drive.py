@@ -12,7 +12,7 @@ from host.perception import turrets
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse
-from host.simulation.world.sensors import Camera
+from host.simulation.world.sensors import SimulatedCamera
 
 RADIUS_M = 0.0325
 GATE_M = 0.12
@@ -56,7 +56,7 @@ def camera_drive(text: str, config: RobotConfig | None = None) -> Gathered:
     scenario = parse(text)
     arena = Arena(scenario)
     gathered = Gathered(config or RobotConfig())
-    camera = Camera(arena, 0, scenario)
+    camera = SimulatedCamera(arena, 0, scenario)
     times = np.arange(1, int(10 * scenario.seconds)) / 10.0
     gathered.bearings = [camera.bearings(float(time)) for time in times]
     gathered.bodies = bodies(arena, scenario.seconds)

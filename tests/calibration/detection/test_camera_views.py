@@ -13,7 +13,7 @@ from host.calibration.detection.camera_views import (
 )
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted
-from host.config import Camera, RobotConfig
+from host.config import Cameras, RobotConfig
 from host.geometry import to_frame, wrap
 from host.messages import Bearings
 from host.simulation.world.arena import Arena
@@ -53,7 +53,7 @@ def test_halves_of_the_drive_tell_the_same(fit: Calibration) -> None:
 
 def test_robot_toml_takes_what_was_found(fit: Calibration) -> None:
     values = {key.removeprefix("camera."): value for key, value in fit.new_settings().items()}
-    Camera.model_validate({**Camera().model_dump(), **values})
+    Cameras.model_validate({**Cameras().model_dump(), **values})
 
 
 def test_pictures_can_be_drawn(fit: Calibration) -> None:

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from host.calibration.report.html import as_html, as_json, as_text, write_html
-from host.calibration.result import Calibration, Check, Fitted, Picture, Series
+from host.calibration.result import Calibration, Check, Fitted, ReportPicture, Series
 from host.errors import UserError
 
 DEG = 180.0 / math.pi
@@ -44,7 +44,7 @@ FLAT = Check(
     advice="drive eights & stop <often>",
 )
 PICTURES = (
-    Picture(
+    ReportPicture(
         title="Path $1 <b>",
         x_label="x_1 / m",
         y_label="$y / m",
@@ -55,7 +55,7 @@ PICTURES = (
             Series(x=np.arange(2000.0), y=np.sin(np.arange(2000.0)), label="_mate <&>"),
         ),
     ),
-    Picture(
+    ReportPicture(
         title="By range",
         x_label="range / m",
         y_label="pairs",
@@ -67,7 +67,7 @@ PICTURES = (
 )
 
 
-def calibration(*checks: Check, pictures: tuple[Picture, ...] = ()) -> Calibration:
+def calibration(*checks: Check, pictures: tuple[ReportPicture, ...] = ()) -> Calibration:
     return Calibration(
         kind="lidar",
         fitted=(HEADING, NOISE),
@@ -176,7 +176,9 @@ def test_pictures_are_drawn_within_the_page_and_alike_each_time() -> None:
 def test_pictures_hold_every_point_that_is_a_number() -> None:
     pytest.importorskip("matplotlib")
     x = np.array([0.0, 1.0, math.nan, 3.0, math.inf])
-    picture = Picture(title="t", x_label="x", y_label="y", series=(Series(x=x, y=np.arange(5.0)),))
+    picture = ReportPicture(
+        title="t", x_label="x", y_label="y", series=(Series(x=x, y=np.arange(5.0)),)
+    )
     (element,) = svgs(as_html(calibration(pictures=(picture,)), "a", "b", "c"))
     colour = "#0072b2"
     marks = [

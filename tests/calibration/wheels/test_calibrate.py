@@ -24,7 +24,7 @@ from host.messages import Bodies
 from host.recording import optiodom
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse
-from host.simulation.world.sensors import Encoders
+from host.simulation.world.sensors import SimulatedEncoders
 
 TRUE = Wheels(left_radius_m=0.0331, right_radius_m=0.0321, track_m=0.151)
 MOUNTED = Mocap(x_m=0.03, y_m=-0.02, heading_rad=1.2)
@@ -340,7 +340,7 @@ def test_in_the_simulation_sigmas_are_honest():
         arena = Arena(scenario)
         times = np.arange(0.0, 45.0, 0.04)
         truth = arena.poses(times)[:, 0]
-        encoders = Encoders(Arena(scenario), 0, scenario, config.wheels)
+        encoders = SimulatedEncoders(Arena(scenario), 0, scenario, config.wheels)
         ticks = np.array([encoders.ticks(float(time)) for time in times])
         noise = np.random.default_rng(seed).standard_normal(truth.shape) * (2e-4, 2e-4, 2e-3)
         found = calibrate([Drive(times, ticks, times, truth + noise)], told, config.mocap)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from host.config import Eye
+from host.config import Camera
 from host.drivers.camera.driver import CameraDriver, Picture
 from host.messages import Health
 
@@ -30,7 +30,7 @@ class Bench:
         self._thread: threading.Thread | None = None
 
     def run(self, source: object, delay_s: float = 0.0, **settings: object) -> None:
-        eye = Eye(
+        eye = Camera(
             source=str(source),
             **{"width_px": WIDTH, "height_px": HEIGHT, "rate_hz": 200.0, **settings},  # type: ignore[arg-type]
         )

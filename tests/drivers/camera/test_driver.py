@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Eye
+from host.config import Camera
 from host.drivers.camera.driver import CameraDriver
 from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench, jpeg
 
@@ -139,7 +139,7 @@ def test_a_device_that_is_no_camera(bench: Bench) -> None:
 
 def test_no_source_is_no_camera() -> None:
     emitted: list[object] = []
-    CameraDriver("front camera", Eye(), 0.0).run(emitted.append, threading.Event())
+    CameraDriver("front camera", Camera(), 0.0).run(emitted.append, threading.Event())
     assert not emitted
 
 

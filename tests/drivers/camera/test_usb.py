@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from host.config import Eye
+from host.config import Camera
 from host.drivers.camera import driver as camera
 from host.drivers.camera import usb as camera_v4l2
 from host.drivers.camera import v4l2_device
@@ -234,7 +234,7 @@ def test_only_the_newest_of_waiting_pictures_is_taken(
     hours = Hours()
     usb.now, usb.sleep = hours.now, hours.sleep
     usb.stamp_offset = offset
-    eye = Eye(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0)
+    eye = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0)
     source = camera_v4l2.UsbCamera(eye, Controls(), hours.now)
     usb.waiting = 3
     stop = threading.Event()

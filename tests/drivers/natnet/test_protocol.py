@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from host.drivers.natnet import protocol as natnet
 from host.drivers.natnet.frames import Frame
-from host.drivers.natnet.protocol import Decoder, Echo, ServerInfo
+from host.drivers.natnet.protocol import Echo, MocapDecoder, ServerInfo
 from host.messages import Bodies
 from tests.drivers.natnet.natnet_packets import (
     full_packet,
@@ -64,7 +64,7 @@ def assert_same(frame, reading):
 @pytest.fixture(scope="module")
 def traffic(recorded):
     """Values of all that a recorded server sent, and the decoder; frames also as bytes."""
-    decoder = Decoder()
+    decoder = MocapDecoder()
     packets = [
         packet
         for source, packet in recorded_datagrams(recorded("natnet/traffic.pcapng"))
@@ -117,7 +117,7 @@ def test_full_packets_equal_the_vendors_sample(version, oracle):
     for seed in range(20):
         rng = random.Random(f"{version} {seed}")
         packet = full_packet(rng, version, bodies=seed % 5, precise=version >= (4, 0))
-        decoder = Decoder(version)
+        decoder = MocapDecoder(version)
         frame = decoder.feed(packet)
         assert decoder.counts["frames"] == 1, f"seed {version} {seed}"
         assert_same(frame, oracle(packet[4:], version))
@@ -126,7 +126,7 @@ def test_full_packets_equal_the_vendors_sample(version, oracle):
 def test_4_0_is_read_with_and_without_precise_time():
     for precise in (False, True):
         packet = full_packet(random.Random(1), (4, 0), precise=precise)
-        frame = Decoder((4, 0)).feed(packet)
+        frame = MocapDecoder((4, 0)).feed(packet)
         assert (frame.precise_time != (0, 0)) == precise
         assert frame.exposed
         assert frame.recording
@@ -147,7 +147,7 @@ def test_bodies_survive_the_way_through_bytes(rows, version, up):
         Bodies(12.5, identities, poses), up, 41, exposed=2**60 + 1, received=5, transmitted=6
     )
     packet = natnet.frame_packet(sent, version)
-    heard = Decoder(version).feed(packet)
+    heard = MocapDecoder(version).feed(packet)
     assert heard.number == 41
     assert heard.timestamp == 12.5
     expected = (2**60 + 1, 5, 6) if version >= (3, 0) else (0, 0, 0)
@@ -178,7 +178,7 @@ def test_floor_poses_are_those_of_the_rotated_axis(numbers, up):
 def test_questions_and_answers(asked, server):
     message, question = natnet.split(natnet.echo_request(asked))
     assert message == natnet.ECHO_REQUEST
-    assert Decoder().feed(natnet.echo_response(question, server)) == Echo(asked, server)
+    assert MocapDecoder().feed(natnet.echo_response(question, server)) == Echo(asked, server)
 
 
 def test_a_question_as_recorded(recorded):
@@ -196,7 +196,7 @@ def test_a_question_as_recorded(recorded):
 @pytest.mark.parametrize("version", [(2, 10), (3, 0), (4, 1)])
 def test_server_info_there_and_back(version):
     full = ServerInfo("Motive", (3, 1, 0, 1), version, 10_000_000, False, 1511, "0.0.0.0")
-    decoder = Decoder()
+    decoder = MocapDecoder()
     info = decoder.feed(natnet.server_info(full))
     assert decoder.version == version
     if version >= (3, 0):
@@ -206,7 +206,7 @@ def test_server_info_there_and_back(version):
 
 
 def test_frames_before_the_version_is_known_are_counted():
-    decoder = Decoder()
+    decoder = MocapDecoder()
     assert decoder.feed(full_packet(random.Random(0), (3, 0))) is None
     assert decoder.counts["unversioned"] == 1
 
@@ -221,7 +221,7 @@ def test_a_tracked_body_out_of_this_world_is_damage():
     ):
         bad = Frame(1, good.identities, np.array([position]), np.array([quaternion]),
                     good.errors, good.tracked)  # fmt: skip
-        decoder = Decoder((3, 0))
+        decoder = MocapDecoder((3, 0))
         assert decoder.feed(natnet.frame_packet(bad, (3, 0))) is None
         assert decoder.counts["malformed"] == 1
 
@@ -253,7 +253,7 @@ def test_damaged_packets_raise_nothing_and_torn_ones_give_no_frame():
     info = natnet.server_info(ServerInfo("Motive", (3, 1, 0, 0), (4, 1), 10**7, True, 1511))
     packets = [(version, full_packet(rng, version)) for version in VERSIONS]
     packets.append(((4, 1), info))
-    decoders = {version: Decoder(version) for version in VERSIONS}
+    decoders = {version: MocapDecoder(version) for version in VERSIONS}
     answers = 0
     for k in range(100_000):
         version, packet = packets[k % len(packets)]
@@ -272,6 +272,6 @@ def test_damaged_packets_raise_nothing_and_torn_ones_give_no_frame():
 
 @given(st.binary(max_size=400))
 def test_noise_is_counted(data):
-    decoder = Decoder((4, 1))
+    decoder = MocapDecoder((4, 1))
     value = decoder.feed(data)
     assert isinstance(value, (ServerInfo, Echo)) or sum(decoder.counts.values()) == 1

@@ -17,7 +17,7 @@ import pytest
 from host.config import Board, RobotConfig, Wheels
 from host.drivers.romeo.device import Romeo
 from host.drivers.romeo.differential_drive import body_speeds
-from host.drivers.romeo.framing import Decoder
+from host.drivers.romeo.framing import BoardDecoder
 from host.drivers.romeo.protocol import PROTOCOL_HASH, VelocityFrame
 from host.messages import Displacement, Health, Message
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
@@ -237,13 +237,13 @@ def test_commands_reach_the_wheels_within_limits_and_end_with_the_driver(
         assert body_speeds(WHEELS, *plug.wait_for_speeds()) == pytest.approx((0.2, -1.0), abs=0.01)
         # Said once, it is not repeated for ever: the driver itself sends the stop.
         stop = VelocityFrame(0, 0)
-        wait_for(lambda: Decoder().feed(bytes(plug.heard))[-1] == stop)
+        wait_for(lambda: BoardDecoder().feed(bytes(plug.heard))[-1] == stop)
         driver.romeo.command(99.0, 99.0)
         limits = (WHEELS.max_speed_mps, WHEELS.max_turn_rate_radps)
         assert body_speeds(WHEELS, *plug.wait_for_speeds()) == pytest.approx(limits, abs=0.01)
     finally:
         driver.end()
-    wait_for(lambda: Decoder().feed(bytes(plug.heard))[-1] == stop)
+    wait_for(lambda: BoardDecoder().feed(bytes(plug.heard))[-1] == stop)
 
 
 def test_wheels_too_fast_for_a_frame_keep_to_their_arc() -> None:

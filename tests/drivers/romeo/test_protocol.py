@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     FRAMES,
     LARGEST_ENCODED,
@@ -80,7 +80,7 @@ def frames() -> st.SearchStrategy[Frame]:
 @given(st.lists(frames(), max_size=8), st.integers(1, 9))
 def test_frames_survive_the_line_however_it_is_cut(sent: list[Frame], size: int) -> None:
     stream = b"".join(encode(frame) for frame in sent)
-    decoder = Decoder()
+    decoder = BoardDecoder()
     got = [
         frame
         for at in range(0, len(stream), size)
@@ -124,13 +124,13 @@ def test_every_single_bit_flip_is_refused_and_the_next_frame_is_not_lost_with_it
     for bit in range(8 * (len(good) - 1)):
         broken = bytearray(good)
         broken[bit // 8] ^= 1 << bit % 8
-        decoder = Decoder()
+        decoder = BoardDecoder()
         assert decoder.feed(bytes(broken) + good) == [SAMPLE]
         assert decoder.counts.refused >= 1
 
 
 def test_a_frame_of_unknown_kind_or_wrong_length_is_counted_as_such() -> None:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     hello, velocity = encode(HelloFrame()), encode(VelocityFrame(1, 2))
     content = bytes([VelocityFrame.ID, 1, 0])
     short = content + struct.pack("<H", crc_xmodem(content))
@@ -141,13 +141,13 @@ def test_a_frame_of_unknown_kind_or_wrong_length_is_counted_as_such() -> None:
 
 
 def test_silence_between_frames_costs_nothing() -> None:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     assert decoder.feed(b"\0" * 50 + encode(SAMPLE)) == [SAMPLE]
     assert decoder.counts.refused == 0
 
 
 def test_a_line_without_delimiters_takes_no_memory_and_is_one_refused_frame() -> None:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     for _ in range(100):
         decoder.feed(b"\x01" * 10_000)
     assert len(decoder._partial) <= LARGEST_ENCODED
@@ -161,7 +161,7 @@ def test_noise_never_raises_and_only_true_frames_pass(seed: int) -> None:
     rng = random.Random(seed)
     # Many zeros, so that noise is made of frames and not of one long break.
     noise = bytes(rng.choice((0, rng.randrange(256), rng.randrange(25))) for _ in range(100_000))
-    decoder = Decoder()
+    decoder = BoardDecoder()
     got, at = [], 0
     while at < len(noise):
         size = rng.randrange(1, 64)
@@ -176,7 +176,7 @@ def test_noise_never_raises_and_only_true_frames_pass(seed: int) -> None:
 def test_mutated_frames_pass_only_with_a_right_crc(seed: int) -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
-    decoder = Decoder()
+    decoder = BoardDecoder()
     whole = passed = 0
     for _ in range(5000):
         kind = rng.choice(list(FRAMES.values()))

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from host.config import Board, Motors, RobotConfig, Wheels
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     PROTOCOL_HASH,
     DisplacementFrame,
@@ -17,7 +17,7 @@ from host.drivers.romeo.protocol import (
     SettingsReversed,
     VelocityFrame,
 )
-from host.drivers.romeo.session import Session, settings_for
+from host.drivers.romeo.session import BoardSession, settings_for
 from host.messages import Displacement
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 
@@ -34,7 +34,7 @@ class Line:
     def __init__(
         self, board: RomeoStandIn, start: float = 100.0, robot: RobotConfig | None = None
     ) -> None:
-        self.board, self.session = board, Session(robot or RobotConfig())
+        self.board, self.session = board, BoardSession(robot or RobotConfig())
         self.now = start
         self.steps: list[Displacement] = []
         self.lose = self.tear = 0.0
@@ -142,7 +142,7 @@ def test_a_wrong_hash_is_told_with_both_and_nothing_is_believed_or_commanded() -
     )
     assert line.steps == []
     assert board.wheel_speeds(line.now) == (0, 0)
-    sent = Decoder().feed(bytes(line.to_board))
+    sent = BoardDecoder().feed(bytes(line.to_board))
     assert set(sent) == {HelloFrame()}
     assert 5 <= len(sent) <= 8
     board.protocol_hash = PROTOCOL_HASH
@@ -194,7 +194,7 @@ def test_a_restart_is_told_by_the_clock_where_somebody_else_greeted_the_board() 
 
 
 def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
-    session = Session(RobotConfig())
+    session = BoardSession(RobotConfig())
     session.connect(0.0)
     identity = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, 1))
     session.receive(identity[:4], 0.1)
@@ -259,7 +259,7 @@ def test_commands_are_repeated_while_wanted_and_end_with_a_stop() -> None:
     line.to_board.clear()
     line.wanted = (300, -200)
     line.run(1.0)
-    sent = Decoder().feed(bytes(line.to_board))
+    sent = BoardDecoder().feed(bytes(line.to_board))
     assert set(sent) == {VelocityFrame(300, -200)}
     assert len(sent) == pytest.approx(20, abs=1)
     assert board.wheel_speeds(line.now) == (300, -200)
@@ -304,7 +304,7 @@ def test_a_board_that_was_only_unplugged_has_not_restarted(away_s: float) -> Non
 def test_noise_and_absurd_values_never_raise(seed: int) -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
-    session = Session(RobotConfig())
+    session = BoardSession(RobotConfig())
     now = 0.0
     for _ in range(3000):
         now += rng.random() * 0.1
@@ -341,7 +341,7 @@ def test_the_board_gets_the_settings_of_robot_toml_before_anything_moves_or_coun
     line = Line(RomeoStandIn(driving, start=99.0), robot=robot)
     line.wanted = (100, 100)
     line.run(1.0)
-    kinds = [type(frame) for frame in Decoder().feed(bytes(line.to_board))]
+    kinds = [type(frame) for frame in BoardDecoder().feed(bytes(line.to_board))]
     assert kinds[:3] == [HelloFrame, SettingsFrame, VelocityFrame]
     got = line.board.settings
     assert got.report_rate_hz == 100

@@ -18,7 +18,7 @@ from host.drivers.x4.packets import (
     encode_turn,
     xor_of_words,
 )
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.messages import Scan
 from tests.x4_turns import NEXT_TURN, recorded_turns
 
@@ -71,8 +71,8 @@ def make_turn(random: np.random.Generator, n: int, returns: float = 0.7) -> list
     return encode_turn(angles, samples * (random.random(n) < returns), 5000.0 / whole)
 
 
-def feed_all(stream: bytes) -> tuple[Decoder, list[Scan]]:
-    decoder = Decoder()
+def feed_all(stream: bytes) -> tuple[ScanDecoder, list[Scan]]:
+    decoder = ScanDecoder()
     return decoder, decoder.feed(stream, 0.0)
 
 
@@ -148,7 +148,7 @@ def test_a_million_random_bytes_give_no_point(seed: int) -> None:
     if seed % 2:  # noise full of headers is harder
         places = random.integers(0, len(noise) - 2, 20_000)
         noise[places], noise[places + 1] = 0xAA, 0x55
-    decoder, data = Decoder(), noise.tobytes()
+    decoder, data = ScanDecoder(), noise.tobytes()
     for begin in range(0, len(data), 4096):
         assert decoder.feed(data[begin : begin + 4096], begin / 11_300) == [], f"seed {seed}"
     assert decoder.counts["packets"] == 0, f"seed {seed}"
@@ -264,7 +264,7 @@ def test_chunks_do_not_matter(cuts: list[int], flips: list[int]) -> None:
     for bit in flips:
         data[bit // 8] ^= 1 << bit % 8
     whole, expected = feed_all(bytes(data))
-    decoder, scans = Decoder(), []
+    decoder, scans = ScanDecoder(), []
     for begin, end in zip([0, *sorted(cuts)], [*sorted(cuts), len(data)], strict=True):
         scans += decoder.feed(bytes(data[begin:end]), 0.0)
     assert decoder.counts == whole.counts
@@ -303,7 +303,7 @@ def arrivals(packets: list[bytes], rate_hz: float, random: np.random.Generator) 
 def test_sample_times_follow_the_lidar_not_the_jitter_of_arrivals(rate_hz: float) -> None:
     random = np.random.default_rng(8)
     packets = [p for _ in range(60) for p in make_turn(random, 714)]
-    decoder, worst, done = Decoder(), 0.0, 0
+    decoder, worst, done = ScanDecoder(), 0.0, 0
     for packet, arrival in zip(packets, arrivals(packets, rate_hz, random), strict=True):
         for scan in decoder.feed(packet, arrival):
             numbers = done + np.arange(len(scan.times))
@@ -316,7 +316,7 @@ def test_sample_times_follow_the_lidar_not_the_jitter_of_arrivals(rate_hz: float
 def test_lost_packets_do_not_shift_the_times_after_them() -> None:
     random = np.random.default_rng(9)
     packets = [p for _ in range(20) for p in make_turn(random, 714)]
-    decoder = Decoder()
+    decoder = ScanDecoder()
     times = arrivals(packets, 5000.0, random)
     ends = np.cumsum([p[3] for p in packets]) / 5000.0
     scans: list[Scan] = []
@@ -332,7 +332,7 @@ def test_lost_packets_do_not_shift_the_times_after_them() -> None:
 @pytest.mark.parametrize("pause_s", [0.05, 0.3, 0.9])
 def test_a_short_pause_of_the_lidar_is_made_up_for_soon(pause_s: float) -> None:
     random = np.random.default_rng(11)
-    decoder, scans = Decoder(), list[Scan]()
+    decoder, scans = ScanDecoder(), list[Scan]()
     for k in range(30):
         turn = make_turn(random, 500)
         start = 0.1 * k + (pause_s if k >= 10 else 0.0)
@@ -347,7 +347,7 @@ def test_a_short_pause_of_the_lidar_is_made_up_for_soon(pause_s: float) -> None:
 @pytest.mark.parametrize("pause_s", [0.05, 0.3, 0.9])
 def test_a_pause_of_the_host_hardly_changes_a_time(pause_s: float) -> None:
     random = np.random.default_rng(12)
-    decoder, scans = Decoder(), list[Scan]()
+    decoder, scans = ScanDecoder(), list[Scan]()
     for k in range(30):
         turn = make_turn(random, 500)
         for packet, arrival in zip(turn, arrivals(turn, 5000.0, random), strict=True):
@@ -362,7 +362,7 @@ def test_a_pause_of_the_host_hardly_changes_a_time(pause_s: float) -> None:
 
 def test_a_pause_starts_the_clock_and_the_turn_anew() -> None:
     random = np.random.default_rng(10)
-    decoder = Decoder()
+    decoder = ScanDecoder()
     turns = [make_turn(random, 500) for _ in range(6)]
     scans: list[Scan] = []
     for k, turn in enumerate(turns):
@@ -379,7 +379,7 @@ def test_replies_as_their_bytes_and_among_packets() -> None:
     health = bytes.fromhex("a55a0300000006" + "02" + "3412")
     scan = bytes.fromhex("a55a0500004081")
     turn = make_turn(np.random.default_rng(1), 100)
-    decoder = Decoder()
+    decoder = ScanDecoder()
     stream = info + turn[0] + health + turn[1] + scan + turn[2] + health[:5] + b"".join(turn)
     for byte in stream:
         decoder.feed(bytes([byte]), 0.0)

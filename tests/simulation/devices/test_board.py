@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from host.config import Motors, RobotConfig
-from host.drivers.romeo.session import Session
+from host.drivers.romeo.session import BoardSession
 from host.flashing import build as romeo_build
 from host.simulation.devices.board import STAND_IN, BoardKind, best_board
 from host.simulation.devices.romeo_elf_device import RomeoElfDevice
@@ -21,7 +21,7 @@ def driving(now: float) -> tuple[int, int]:
 def ticks_told(kind: BoardKind, motors: Motors) -> tuple[int, int]:
     """What a host makes of 2 s with such a board, in ticks (left, right)."""
     board = kind.make(driving)
-    session = Session(RobotConfig(motors=motors))
+    session = BoardSession(RobotConfig(motors=motors))
     session.connect(0.0)
     told = [0, 0]
     for k in range(1, 201):

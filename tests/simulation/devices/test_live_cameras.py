@@ -11,19 +11,19 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Camera, Eye, RobotConfig
+from host.config import Camera, Cameras, RobotConfig
 from host.drivers.camera.driver import CameraDriver, Picture
 from host.drivers.camera.mjpeg import Splitter
 from host.messages import Health
 from host.perception.red_strip import StripFinder
-from host.simulation.devices.live_cameras import LiveCameras, Pipe
+from host.simulation.devices.live_cameras import LiveCameras, PictureFeed
 from host.simulation.live import LiveSimulation
 from host.simulation.pictures.render import Surroundings
 from host.simulation.world.scenarios import Scenario, parse
 
 LONG_S = 20.0  # a bound on waiting, not on speed
-SMALL = Eye(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
-CAMERA = Camera(
+SMALL = Camera(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
+CAMERA = Cameras(
     front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": round(math.pi, 4)})
 )
 
@@ -51,7 +51,7 @@ def streams(tmp_path: Path) -> Iterator[LiveCameras]:
 
 
 def test_a_pipe_without_a_reader_takes_nothing_and_blocks_nobody(tmp_path: Path) -> None:
-    pipe = Pipe(tmp_path / "pipe")
+    pipe = PictureFeed(tmp_path / "pipe")
     assert not pipe.listening()
     pipe.write(b"nobody", threading.Event())
     reader = os.open(pipe.path, os.O_RDONLY | os.O_NONBLOCK)
@@ -66,7 +66,7 @@ def test_a_pipe_without_a_reader_takes_nothing_and_blocks_nobody(tmp_path: Path)
 def test_a_pipe_sends_more_than_it_holds_to_a_slow_reader_and_gives_up_at_the_end(
     tmp_path: Path,
 ) -> None:
-    pipe, stop = Pipe(tmp_path / "pipe"), threading.Event()
+    pipe, stop = PictureFeed(tmp_path / "pipe"), threading.Event()
     reader = os.open(pipe.path, os.O_RDONLY | os.O_NONBLOCK)
     assert pipe.listening()
     data = os.urandom(300_000)
@@ -137,7 +137,7 @@ def test_a_running_simulation_is_seen_by_the_real_driver_and_the_search() -> Non
     with LiveSimulation(scenario, config) as live:
         camera = live.config.camera
 
-        def watch(name: str, eye: Eye) -> None:
+        def watch(name: str, eye: Camera) -> None:
             finder = StripFinder(camera, eye)
 
             def take(message: Picture | Health) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from host.drivers.natnet import protocol as natnet
 from host.drivers.natnet.frames import Frame
-from host.drivers.natnet.protocol import Decoder, Echo, ServerInfo
+from host.drivers.natnet.protocol import Echo, MocapDecoder, ServerInfo
 from host.simulation.devices.natnet_server import CAMERA_S, CLOCK_HZ, SOLVING_S, NatNetServer
 
 
@@ -28,7 +28,7 @@ def ask(client, server, *packets):
 
 
 def test_it_answers_and_streams_to_who_connected(client):
-    decoder = Decoder()
+    decoder = MocapDecoder()
     with NatNetServer(poses, 200.0) as server:
         ask(client, server, natnet.connect())
         assert decoder.feed(client.recv(9999)) == ServerInfo(
@@ -55,4 +55,4 @@ def test_garbage_does_not_disturb_it(client):
     with NatNetServer(poses) as server:
         ask(client, server, *(rng.randbytes(rng.randrange(50)) for _ in range(200)))
         ask(client, server, b"\x0c\0\x01\0\0", natnet.echo_request(5))
-        assert Decoder().feed(client.recv(9999)).asked == 5
+        assert MocapDecoder().feed(client.recv(9999)).asked == 5

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, IdentityFrame, VelocityFrame
 from host.errors import UserError
 from host.flashing.elf import flash_image
@@ -27,7 +27,7 @@ def ready(elf: Path) -> RomeoElf:
 
 
 def frames(board: RomeoElf) -> list[object]:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     return [frame for _, data in board.take() for frame in decoder.feed(data)]
 
 
@@ -252,7 +252,7 @@ def test_interrupts_are_counted_and_timed(elf: Path) -> None:
 def test_time_is_the_boards_own(elf: Path) -> None:
     board = ready(elf)
     board.run(3.0)
-    decoder = Decoder()
+    decoder = BoardDecoder()
     seen = [
         (at, frame.board_time_us)
         for at, data in board.take()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, IdentityFrame
 from host.simulation.devices.romeo_elf_device import RomeoElfDevice
 
@@ -16,7 +16,7 @@ def driving(now: float) -> tuple[int, int]:
 
 
 def reports(device: RomeoElfDevice, now: float) -> list[tuple[float, DisplacementFrame]]:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     frames = [(at, frame) for at, data in device.transmit(now) for frame in decoder.feed(data)]
     assert decoder.counts.refused == 0
     return [(at, frame) for at, frame in frames if isinstance(frame, DisplacementFrame)]
@@ -46,7 +46,7 @@ def test_it_hears_and_is_heard_again_after_a_reset(elf: Path) -> None:
     first_frames = []
     for now in (0.3, 1.0):
         device.receive(encode(HelloFrame()), now)
-        decoder = Decoder()
+        decoder = BoardDecoder()
         frames = [f for _, data in device.transmit(now + 0.1) for f in decoder.feed(data)]
         assert sum(isinstance(frame, IdentityFrame) for frame in frames) == 1
         first_frames.append(next(f for f in frames if isinstance(f, DisplacementFrame)))

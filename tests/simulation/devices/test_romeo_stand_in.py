@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     PROTOCOL_HASH,
     DisplacementFrame,
@@ -25,7 +25,7 @@ def driving(now: float) -> tuple[int, int]:
 
 
 def sent(board: RomeoStandIn, now: float) -> list[tuple[float, Frame]]:
-    decoder = Decoder()
+    decoder = BoardDecoder()
     frames = [(at, frame) for at, chunk in board.transmit(now) for frame in decoder.feed(chunk)]
     assert decoder.counts.refused == 0
     return frames

@@ -9,7 +9,7 @@ import pytest
 from host.drivers.x4 import commands
 from host.drivers.x4.commands import DeviceHealth, DeviceInfo, ScanBegins
 from host.drivers.x4.packets import angle_correction
-from host.drivers.x4.protocol import Decoder
+from host.drivers.x4.protocol import ScanDecoder
 from host.messages import FloatArray, Scan
 from host.simulation.devices.x4 import X4Emulator
 
@@ -38,7 +38,7 @@ def listen(lidar: X4Emulator, begin: float, end: float) -> list[tuple[float, byt
 
 
 def replies(lidar: X4Emulator, now: float) -> list[object]:
-    decoder = Decoder()
+    decoder = ScanDecoder()
     for when, data in listen(lidar, now, now + 0.05):
         decoder.feed(data, when)
     return list(decoder.take_replies())
@@ -48,7 +48,7 @@ def test_scans_show_what_was_sensed_where_and_when() -> None:
     room = Room()
     lidar = X4Emulator(room.sense, turn_rate_hz=7.0, seed=4)
     lidar.receive(commands.SCAN, 50.0)
-    decoder, scans = Decoder(), list[Scan]()
+    decoder, scans = ScanDecoder(), list[Scan]()
     for when, data in listen(lidar, 50.0, 55.0):
         scans += decoder.feed(data, when)
     times, raw = np.concatenate(room.times), np.concatenate(room.angles)
@@ -131,7 +131,7 @@ def test_the_asked_share_of_packets_is_damaged() -> None:
     lidar = X4Emulator(Room().sense, seed=3)
     lidar.corrupt_share = 0.2
     lidar.receive(commands.SCAN, 0.0)
-    decoder = Decoder()
+    decoder = ScanDecoder()
     sent = listen(lidar, 0.0, 5.0)
     for when, data in sent:
         decoder.feed(data, when)

@@ -7,18 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Camera, Eye
+from host.config import Camera, Cameras
 from host.perception.lens import View
 from host.simulation.pictures.painting import Painter
 from host.simulation.pictures.render import Look, Renderer, Surroundings, frames
 from host.simulation.pictures.sightings import visible
 from host.simulation.pictures.solids import Cylinder, strip_of
 
-CAMERA = Camera()
+CAMERA = Cameras()
 PLAIN = Look(noise=0.0, light_spread=0.0, floor_patches=0, wall_patches=0)
 NOBODY = np.zeros((0, 2))
 # A third of the size is painted and searched nine times faster.
-SMALL = Eye(
+SMALL = Camera(
     width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5, x_m=0.05
 )
 ODD = SMALL.model_copy(
@@ -26,7 +26,7 @@ ODD = SMALL.model_copy(
 )
 
 
-def around(eye: Eye, distance: float, bearing: float) -> np.ndarray:
+def around(eye: Camera, distance: float, bearing: float) -> np.ndarray:
     """The place (2,) at a distance and bearing from the camera, from its heading."""
     angle = eye.heading_rad + bearing
     return np.array([eye.x_m + distance * math.cos(angle), eye.y_m + distance * math.sin(angle)])
@@ -47,7 +47,7 @@ def is_red(picture: np.ndarray) -> np.ndarray:
     return (red > 60) & (red > 2 * np.maximum(blue, green))
 
 
-def strips(picture: np.ndarray, eye: Eye) -> np.ndarray:
+def strips(picture: np.ndarray, eye: Camera) -> np.ndarray:
     """Which pixels are red and not below 30 deg under the horizon, where the own body is."""
     rows, columns = np.nonzero(is_red(picture))
     up = View(eye).directions_of(np.stack((columns, rows), axis=1).astype(float))[:, 2]
@@ -79,7 +79,7 @@ def cast(view: View, place: np.ndarray, fine: int = 4) -> np.ndarray:
 
 @pytest.mark.parametrize("turn_rad", [0.0, 0.02])
 @pytest.mark.parametrize("eye", [CAMERA.front, CAMERA.rear, ODD], ids=["front", "rear", "odd"])
-def test_a_strips_painted_middle_is_where_rays_meet_it(eye: Eye, turn_rad: float) -> None:
+def test_a_strips_painted_middle_is_where_rays_meet_it(eye: Camera, turn_rad: float) -> None:
     view = View(eye)
     random = np.random.default_rng(3)
     for _ in range(6):
@@ -99,7 +99,7 @@ def test_a_strips_painted_middle_is_where_rays_meet_it(eye: Eye, turn_rad: float
 
 
 @pytest.mark.parametrize("eye", [CAMERA.front, CAMERA.rear], ids=["front", "rear"])
-def test_the_red_of_a_picture_lies_in_the_teammates_bearing(eye: Eye) -> None:
+def test_the_red_of_a_picture_lies_in_the_teammates_bearing(eye: Camera) -> None:
     renderer = Renderer(CAMERA, eye, replace(PLAIN, noise=3.0), seed=2)
     for number, bearing in enumerate((-1.2, -0.5, 0.0, 0.7, 1.3)):
         place = around(eye, 0.5 + 0.5 * number, bearing)

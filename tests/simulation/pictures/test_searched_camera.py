@@ -6,16 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from host.config import Camera, Eye, RobotConfig
+from host.config import Camera, Cameras, RobotConfig
 from host.messages import Bearings, Message
 from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse
 
-SMALL = Eye(
+SMALL = Camera(
     width_px=960, height_px=540, focal_px=305.6, centre_x_px=479.5, centre_y_px=269.5, x_m=0.05
 )
 ROBOT = RobotConfig(
-    camera=Camera(front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": math.pi}))
+    camera=Cameras(
+        front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": math.pi})
+    )
 )
 SCENARIO = parse("arena4:seed=2,rendered=1,seconds=3,camera_hz=5,camera_delay_s=0.2")
 

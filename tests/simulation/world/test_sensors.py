@@ -15,7 +15,7 @@ from host.geometry import to_frame, to_parent, wrap
 from host.simulation.world.arena import STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import meet_cylinders, meet_walls, x4_beams
 from host.simulation.world.scenarios import Scenario, parse
-from host.simulation.world.sensors import Camera, Encoders, Lidar
+from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
 
 CONFIG = RobotConfig()
 OPEN_VIEW = CONFIG.lidar.model_copy(update={"blind_sectors": ()})
@@ -121,7 +121,7 @@ def test_a_turret_is_found_where_it_stands(mounting: tuple[float, float, float])
     config = OPEN_VIEW.model_copy(update={"x_m": x, "y_m": y, "heading_rad": heading})
     arena = StillArena([(0.2, -0.1, 1.0), (1.0, 0.5, 0.0), (-0.3, 0.6, 0.0)])
     times, raw = one_turn(7140)
-    ranges = Lidar(arena, 0, PERFECT, config).ranges(times, raw)  # type: ignore[arg-type]
+    ranges = SimulatedLidar(arena, 0, PERFECT, config).ranges(times, raw)  # type: ignore[arg-type]
     points = to_parent(to_parent(decoded(raw, ranges), np.array(mounting)), arena.robots[0])
     for turret in arena.robots[1:, :2]:
         surface = points[np.linalg.norm(points - turret, axis=1) < 0.06]
@@ -141,7 +141,7 @@ def test_every_sample_sees_the_world_of_its_own_moment() -> None:
     arena = Arena(parse("arena4:seed=8"))
     times, raw = one_turn()
     times = times + 5.0
-    ranges = Lidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw)
+    ranges = SimulatedLidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw)
     points = decoded(raw, ranges)
     poses = arena.poses(times)
     world = to_parent(points, poses[:, 0])
@@ -157,8 +157,8 @@ def test_ranges_do_not_depend_on_the_pieces_in_which_they_are_asked() -> None:
     scenario = parse("arena4:seed=3")
     times = np.arange(4000) / 5000.0
     raw = np.mod(2 * np.pi * 7.0 * times, 2 * np.pi)
-    whole = Lidar(Arena(scenario), 0, scenario, CONFIG.lidar).ranges(times, raw)
-    lidar = Lidar(Arena(scenario), 0, scenario, CONFIG.lidar)
+    whole = SimulatedLidar(Arena(scenario), 0, scenario, CONFIG.lidar).ranges(times, raw)
+    lidar = SimulatedLidar(Arena(scenario), 0, scenario, CONFIG.lidar)
     cuts = [0, 1, 40, 41, 500, 1777, 4000]
     pieces = [lidar.ranges(times[a:b], raw[a:b]) for a, b in itertools.pairwise(cuts)]
     assert np.array_equal(whole, np.concatenate(pieces))
@@ -168,7 +168,7 @@ def test_ranges_do_not_depend_on_the_pieces_in_which_they_are_asked() -> None:
 def test_a_robot_behind_another_is_not_seen() -> None:
     times, raw = one_turn()
     arena = StillArena([(-1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.8, 0.01, 0.0)])
-    points = decoded(raw, Lidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw))  # type: ignore[arg-type]
+    points = decoded(raw, SimulatedLidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw))  # type: ignore[arg-type]
     in_robot_frame = arena.robots[1:, :2] - [-1.0, 0.0]
     hits = np.sum(np.linalg.norm(points[:, None] - in_robot_frame, axis=2) < 0.05, axis=0)
     assert hits[0] >= 6
@@ -183,7 +183,7 @@ def test_pillars_hide_their_sectors_of_the_robot_frame_and_nothing_else() -> Non
     config = CONFIG.lidar.model_copy(update={"blind_sectors": sectors, "heading_rad": 1.2})
     arena = StillArena([(0.0, 0.0, 0.5)])
     times, raw = one_turn(20_000)
-    seen = Lidar(arena, 0, PERFECT, OPEN_VIEW.model_copy(update={"heading_rad": 1.2}))  # type: ignore[arg-type]
+    seen = SimulatedLidar(arena, 0, PERFECT, OPEN_VIEW.model_copy(update={"heading_rad": 1.2}))  # type: ignore[arg-type]
     ranges = seen.ranges(times, raw)
     points = decoded(raw, ranges)
     bearings = np.arctan2(points[:, 1], points[:, 0]) + 1.2
@@ -191,7 +191,7 @@ def test_pillars_hide_their_sectors_of_the_robot_frame_and_nothing_else() -> Non
     for sector in sectors:
         off = np.angle(np.exp(1j * (bearings - sector.centre_rad)))
         expected |= np.abs(off) < sector.width_rad / 2
-    hidden = Lidar(arena, 0, PERFECT, config).ranges(times, raw) == 0  # type: ignore[arg-type]
+    hidden = SimulatedLidar(arena, 0, PERFECT, config).ranges(times, raw) == 0  # type: ignore[arg-type]
     assert (ranges > 0).all()
     assert np.sum(hidden != expected) <= 8  # samples on the very border
 
@@ -203,7 +203,7 @@ def test_range_noise_is_that_of_the_facts(metres: float, std_m: float) -> None:
     count = 4000
     # At this raw angle the beam meets the wall ahead at right angles.
     raw = np.full(count, -math.atan(21.8 / 155.3))
-    ranges = Lidar(arena, 0, scenario, OPEN_VIEW).ranges(np.arange(count) / 5000, -raw)  # type: ignore[arg-type]
+    ranges = SimulatedLidar(arena, 0, scenario, OPEN_VIEW).ranges(np.arange(count) / 5000, -raw)  # type: ignore[arg-type]
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], count - 1) / (count - 1)
     assert low < ranges.var(ddof=1) / std_m**2 < high
 
@@ -213,14 +213,16 @@ def test_missing_returns_are_as_many_as_indoors_and_come_in_runs() -> None:
     arena = Arena(parse("arena4:seed=1"))
     times, raw = one_turn()
     for seed in range(1, 13):  # as many rooms
-        lidar = Lidar(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.lidar)
+        lidar = SimulatedLidar(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.lidar)
         nulls = [lidar.ranges(times + 2.0 * k, raw) == 0 for k in range(20)]
         shares.append(np.mean(nulls))
     assert 0.26 < np.mean(shares) < 0.36
 
     alone = replace(PERFECT, dropout_share=0.05, dropout_run=3.0)
     times, raw = np.arange(40_000) / 5000, np.zeros(40_000)
-    null = Lidar(StillArena([(0.0, 0.0, 0.0)]), 0, alone, OPEN_VIEW).ranges(times, raw) == 0  # type: ignore[arg-type]
+    null = (
+        SimulatedLidar(StillArena([(0.0, 0.0, 0.0)]), 0, alone, OPEN_VIEW).ranges(times, raw) == 0
+    )  # type: ignore[arg-type]
     runs = np.diff(np.flatnonzero(np.diff(null.astype(int))))[(0 if null[0] else 1) :: 2]
     assert 0.04 < null.mean() < 0.06
     starts = np.sum(~null[:-1] & null[1:])
@@ -231,7 +233,7 @@ def test_missing_returns_are_as_many_as_indoors_and_come_in_runs() -> None:
 def test_a_turret_near_by_nearly_always_returns_and_loses_its_rim() -> None:
     scenario = replace(parse("arena4"), interference_deg=0.0, dark_wall_share=1.0)
     arena = StillArena([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)])
-    lidar = Lidar(arena, 0, scenario, OPEN_VIEW)  # type: ignore[arg-type]
+    lidar = SimulatedLidar(arena, 0, scenario, OPEN_VIEW)  # type: ignore[arg-type]
     times, raw = one_turn()
     hits = [np.sum(lidar.ranges(times, raw) > 0) for _ in range(300)]
     # 65 mm at 0.7 m are 10.6 samples of 0.504 deg; the rim costs 0.57 and dropouts 5 %.
@@ -245,7 +247,7 @@ def test_two_lidars_that_aim_at_each_other_are_dazzled_in_a_beat() -> None:
     turns, samples = 600, 714
     times = np.arange(turns * samples) / (7.0 * samples)
     raw = np.mod(2 * np.pi * 7.0 * times, 2 * np.pi)
-    lidar = Lidar(arena, 0, scenario, OPEN_VIEW)  # type: ignore[arg-type]
+    lidar = SimulatedLidar(arena, 0, scenario, OPEN_VIEW)  # type: ignore[arg-type]
     null = np.concatenate(
         [
             lidar.ranges(t, r) == 0
@@ -265,7 +267,7 @@ CAMERA_TRIALS = 3000
 
 
 def frames(scenario: Scenario, robots: list[tuple[float, float, float]]) -> list:
-    camera = Camera(StillArena(robots, 20.0), 0, scenario)  # type: ignore[arg-type]
+    camera = SimulatedCamera(StillArena(robots, 20.0), 0, scenario)  # type: ignore[arg-type]
     return [camera.bearings(0.1 * k) for k in range(CAMERA_TRIALS)]
 
 
@@ -308,7 +310,7 @@ def test_a_nearer_cylinder_hides_a_robot_from_the_cameras() -> None:
     assert counts[3] > 0.85 * CAMERA_TRIALS
 
 
-def dead_reckoned(encoders: Encoders, start: np.ndarray, seconds: float) -> np.ndarray:
+def dead_reckoned(encoders: SimulatedEncoders, start: np.ndarray, seconds: float) -> np.ndarray:
     """The pose that eq. 31 and 32 give, over intervals of 20 ms."""
     x, y, psi = start
     last = encoders.ticks(0.0)
@@ -326,7 +328,7 @@ def test_wheels_without_slip_reckon_the_true_path() -> None:
     scenario = parse("arena4:seed=6,wheel_slip=0")
     arena = Arena(scenario)
     start, end = arena.poses(np.array([0.0, 30.0]))[:, 0]
-    reckoned = dead_reckoned(Encoders(arena, 0, scenario, CONFIG.wheels), start, 30.0)
+    reckoned = dead_reckoned(SimulatedEncoders(arena, 0, scenario, CONFIG.wheels), start, 30.0)
     assert reckoned[2] == pytest.approx(end[2], abs=0.003)  # a count is 0.7 mrad
     assert reckoned[:2] == pytest.approx(end[:2], abs=0.01)
 
@@ -336,7 +338,7 @@ def test_slip_makes_the_heading_drift_by_about_its_size() -> None:
     arena = Arena(parse("arena4:seed=1"))
     start, end = arena.poses(np.array([0.0, 10.0]))[:, 0, 2]
     for seed in range(40):
-        encoders = Encoders(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.wheels)
+        encoders = SimulatedEncoders(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.wheels)
         left, right = encoders.ticks(10.0)
         per_count = 2 * math.pi * 0.0325 / 1920
         drifts.append((right - left) * per_count / 0.144 - (end - start))
@@ -346,9 +348,9 @@ def test_slip_makes_the_heading_drift_by_about_its_size() -> None:
 
 def test_ticks_do_not_depend_on_when_they_are_read() -> None:
     scenario = parse("arena4:seed=2")
-    often = Encoders(Arena(scenario), 0, scenario, CONFIG.wheels)
+    often = SimulatedEncoders(Arena(scenario), 0, scenario, CONFIG.wheels)
     readings = [often.ticks(t) for t in np.arange(0.0, 5.0, 0.0137)]
-    once = Encoders(Arena(scenario), 0, scenario, CONFIG.wheels)
+    once = SimulatedEncoders(Arena(scenario), 0, scenario, CONFIG.wheels)
     last = 0.0137 * (len(readings) - 1)
     assert once.ticks(last) == readings[-1]
     assert readings[0] == (0, 0)
