@@ -142,7 +142,7 @@ class OpenCvDecoder:
     """By OpenCV alone: the whole picture is decoded, its warnings are not to be had."""
 
     def decode(self, jpeg: bytes, size: tuple[int, int], rows: int) -> Image:
-        """See `Decoder`."""
+        """See `JpegDecoder`."""
         jpeg, _ = _checked(jpeg, size)
         flags = cv2.IMREAD_REDUCED_COLOR_4 | cv2.IMREAD_IGNORE_ORIENTATION
         try:
@@ -185,7 +185,7 @@ class TurboDecoder:
             self._destroy(self._handle)
 
     def decode(self, jpeg: bytes, size: tuple[int, int], rows: int) -> Image:
-        """See `Decoder`."""
+        """See `JpegDecoder`."""
         jpeg, header = _checked(jpeg, size)
         # A smaller height in the header: the decoder stops there, the rows above are the same.
         height = min(-(-rows // header.unit[1]) * header.unit[1], header.height)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from cobs import cobs
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, Frame, IdentityFrame, VelocityFrame
 from host.simulation.devices.romeo_elf import LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
 from host.simulation.devices.romeo_stand_in import DEFAULTS, RomeoStandIn
@@ -23,7 +23,7 @@ class BoardUnderTest(Protocol):
     now: s. decoder: the host's, of all that came.
     """
 
-    decoder: Decoder
+    decoder: BoardDecoder
 
     @property
     def now(self) -> float: ...
@@ -52,7 +52,7 @@ class StandInBoard:
     """host.simulation.devices.romeo_stand_in.RomeoStandIn."""
 
     def __init__(self, clock_us: int = 0) -> None:
-        self.decoder = Decoder()
+        self.decoder = BoardDecoder()
         self.now = 0.0
         self._ticks = (0, 0)
         self._motion: tuple[float, float, int, int] | None = None
@@ -103,7 +103,7 @@ class ElfBoard:
     """The firmware's machine code in the simulator."""
 
     def __init__(self, elf: Path, encoder_edges: int, clock_us: int = 0) -> None:
-        self.decoder = Decoder()
+        self.decoder = BoardDecoder()
         self.elf = RomeoElf(elf, encoder_edges)
         self._steps = STEPS_PER_COUNT[encoder_edges]
         self.elf.run(0.01)
@@ -173,7 +173,7 @@ def mutated(rng: random.Random) -> bytes:
 
 def refused_by_board(data: bytes) -> tuple[int, list[Frame]]:
     """How many frames of `data` a board must refuse, and the whole ones in it."""
-    decoder = Decoder()
+    decoder = BoardDecoder()
     frames = decoder.feed(data)
     misdirected = [f for f in frames if isinstance(f, IdentityFrame | DisplacementFrame)]
     return decoder.counts.refused + len(misdirected), frames

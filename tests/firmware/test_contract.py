@@ -24,7 +24,7 @@ from host.drivers.romeo.protocol import (
     SettingsReversed,
     VelocityFrame,
 )
-from host.drivers.romeo.session import Session
+from host.drivers.romeo.session import BoardSession
 from host.simulation.devices.romeo_stand_in import DEFAULTS
 from tests.firmware.boards import (
     BoardUnderTest,
@@ -92,7 +92,7 @@ def test_it_reports_its_ticks_50_times_a_second(board: BoardUnderTest) -> None:
 
 
 def test_counter_clockwise_is_positive(board: BoardUnderTest) -> None:
-    session = Session(RobotConfig())
+    session = BoardSession(RobotConfig())
     session.connect(board.now)
     heading = 0.0
     for _ in range(40):
@@ -208,7 +208,7 @@ def test_random_bytes_do_no_harm(board: BoardUnderTest) -> None:
 
 def test_its_clock_rolls_over_without_a_jump_in_host_time(make_board: Make) -> None:
     board = make_board(2**32 - 1_500_000)
-    session = Session(RobotConfig())
+    session = BoardSession(RobotConfig())
     session.connect(board.now)
     clocks, steps = [], []
     for _ in range(150):

@@ -11,7 +11,7 @@ from host.config import RobotConfig, Wheels
 from host.drivers.romeo.differential_drive import wheel_speeds
 from host.drivers.romeo.framing import encode
 from host.drivers.romeo.protocol import VelocityFrame
-from host.drivers.romeo.session import Session, settings_for
+from host.drivers.romeo.session import BoardSession, settings_for
 from host.geometry import rotation
 from host.messages import FloatArray
 from host.simulation.devices.motors import DrivenRobot
@@ -31,7 +31,7 @@ class Drive:
         self.config = RobotConfig(wheels=Wheels(counts_per_turn=960 * edges))
         self.board = RomeoElf(elf, edges)
         self.robot = DrivenRobot(self.board, self.config.wheels, supply_v, (slip, slip))
-        self.session = Session(self.config)
+        self.session = BoardSession(self.config)
         self.believed = np.zeros(3)
         self.board.open_port()
         self.board.run(0.2)

@@ -91,7 +91,7 @@ def encode_content(frame: Frame) -> bytes:
 
 def test_on_damaged_lines_both_sides_take_and_refuse_the_same(decoder: BoardDecoder) -> None:
     rng = random.Random(SEED)
-    host = romeo_framing.Decoder()
+    host = romeo_framing.BoardDecoder()
     taken = 0
     for _ in range(20_000):
         data = bytearray(encode(random_frame(rng)))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import ReadSettingsFrame, SettingsFrame
 from host.simulation.devices.romeo_stand_in import DEFAULTS, RomeoStandIn
 
@@ -62,7 +62,7 @@ def test_the_bounds_are_those_of_the_stand_in(
     pure_parts.settings_bounded(fields)
     board = RomeoStandIn(lambda now: (0, 0))
     board.receive(encode(settings) + encode(ReadSettingsFrame()), 0.0)
-    answers = [f for _, data in board.transmit(0.0) for f in Decoder().feed(data)]
+    answers = [f for _, data in board.transmit(0.0) for f in BoardDecoder().feed(data)]
     assert unpacked(fields.raw) == answers[0] == answers[1]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from host.drivers.romeo.framing import Decoder, encode
+from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame
 from tests.firmware.boards import ElfBoard
 
@@ -74,6 +74,6 @@ def test_each_frame_is_sent_at_once_as_a_packet_of_its_own(elf: Callable[[int], 
     board = ElfBoard(elf(2), 2)
     board.send(encode(HelloFrame()) * 3)
     board.elf.run(board.now + 0.05)
-    packets = [Decoder().feed(data) for _, data in board.elf.take()]
+    packets = [BoardDecoder().feed(data) for _, data in board.elf.take()]
     assert len(packets) >= 5
     assert [len(frames) for frames in packets] == [1] * len(packets)
