@@ -9,7 +9,7 @@ from host.geometry import rotation, wrap
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
 
-def carry(
+def predict_positions(
     positions: FloatArray, covariances: FloatArray, motion: Displacement, process_noise: float
 ) -> tuple[FloatArray, FloatArray]:
     """Positions (n, 2) and covariances (n, 2, 2) in the robot's new frame.
@@ -45,7 +45,7 @@ class Clairvoyant:
     def predict(self, motion: Displacement) -> None:
         """Carry every teammate into the robot's new frame; forget those unseen for too long."""
         self._time = motion.time
-        self._positions, self._covariances = carry(
+        self._positions, self._covariances = predict_positions(
             self._positions, self._covariances, motion, self._process_noise
         )
         self._ages = self._ages + motion.interval

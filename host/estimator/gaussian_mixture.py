@@ -21,7 +21,7 @@ _NEIGHBOURS = 8  # readings a component may be paired with when the tree is used
 _ODD_SIZE = 0.2  # share of strips whose size misleads
 
 
-def carry(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> None:
+def predict_mixture(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> None:
     """Move the mixture into the robot's new frame, in place (Perera 2021 eq. 7–8, repaired).
 
     noise: variance (m², per axis) that the targets' own motion adds. The robot turns counter-
@@ -44,7 +44,7 @@ def carry(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> 
     rows[PYY] += motion.translation_variance + noise + motion.heading_variance * x * x
 
 
-def near(
+def gated_pairs(
     rows: FloatArray, positions: FloatArray, covariances: FloatArray, gate: float
 ) -> tuple[IntArray, IntArray]:
     """Indices (p,), (p,) of the components and readings that may belong together.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from host.estimator.clairvoyant import carry
+from host.estimator.clairvoyant import predict_positions
 from host.messages import Bearings, Displacement, Estimate, Positions
 
 
@@ -30,7 +30,7 @@ class LastReading:
     def predict(self, motion: Displacement) -> None:
         """Carry the readings into the robot's new frame; drop those older than keep_s."""
         self._time = motion.time
-        self._positions, self._covariances = carry(
+        self._positions, self._covariances = predict_positions(
             self._positions, self._covariances, motion, self._process_noise
         )
         self._ages = self._ages + motion.interval

@@ -32,7 +32,7 @@ from host.estimator.gaussian_mixture import (
     WEIGHT,
     X,
     Y,
-    carry,
+    predict_mixture,
     update_by_bearings,
     update_by_positions,
 )
@@ -68,7 +68,7 @@ class Perera2021Filter:
         self._time = motion.time
         distance = np.hypot(rows[X], rows[Y])
         rows[WEIGHT] /= 1.05 + np.exp(4.0 * (distance - 4.0))  # eq. 9, 10
-        carry(rows, motion, _SYSTEM_NOISE_M2)
+        predict_mixture(rows, motion, _SYSTEM_NOISE_M2)
         birth = np.zeros((ROWS, 1))
         birth[[PXX, PYY]], birth[WEIGHT] = _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT
         self._rows = np.concatenate((rows, birth), axis=1)

@@ -9,7 +9,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.prediction import GaussianStatePrediction
 from stonesoup.updater.kalman import KalmanUpdater
 
-from host.estimator.clairvoyant import Clairvoyant, carry
+from host.estimator.clairvoyant import Clairvoyant, predict_positions
 from host.messages import Bearings, Displacement, Positions
 
 
@@ -92,7 +92,7 @@ def test_carry_agrees_with_drawn_odometry():
     turned = -0.7 + generator.normal(0.0, 0.03, count)
     x = np.cos(turned) * moved[:, 0] - np.sin(turned) * moved[:, 1]
     y = np.sin(turned) * moved[:, 0] + np.cos(turned) * moved[:, 1]
-    positions, covariances = carry(np.array([[2.0, 1.0]]), PRIOR[None], motion, 0.01)
+    positions, covariances = predict_positions(np.array([[2.0, 1.0]]), PRIOR[None], motion, 0.01)
     assert positions[0] == pytest.approx([x.mean(), y.mean()], abs=3e-3)
     assert covariances[0] == pytest.approx(np.cov(x, y), abs=1e-3)
 

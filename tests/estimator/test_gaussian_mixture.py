@@ -21,9 +21,9 @@ from host.estimator.gaussian_mixture import (
     WEIGHT,
     X,
     Y,
-    carry,
+    gated_pairs,
     match_moments,
-    near,
+    predict_mixture,
     range_support,
     update_by_bearings,
     update_by_positions,
@@ -204,7 +204,7 @@ def motion(dx, dy, dpsi, translation=0.0, heading=0.0):
 def test_carry_equals_the_matrix_form(component, step, dpsi, translation, heading, noise):
     mean, matrix = component
     rows = columns([mean], [matrix], [0.4])
-    carry(rows, motion(*step, dpsi, translation**2, heading**2), noise**2)
+    predict_mixture(rows, motion(*step, dpsi, translation**2, heading**2), noise**2)
     turn = np.array([[math.cos(dpsi), math.sin(dpsi)], [-math.sin(dpsi), math.cos(dpsi)]])
     place = turn @ (mean - step)
     across = np.array([-place[1], place[0]])
@@ -219,14 +219,14 @@ def test_carry_equals_the_matrix_form(component, step, dpsi, translation, headin
 def test_carry_there_and_back_changes_nothing(seed, step, dpsi):
     rows = random_mixture(np.random.default_rng(seed), 7)
     before = rows.copy()
-    carry(rows, motion(*step, dpsi), 0.0)
+    predict_mixture(rows, motion(*step, dpsi), 0.0)
     back = -np.array(
         [
             math.cos(dpsi) * step[0] + math.sin(dpsi) * step[1],
             math.cos(dpsi) * step[1] - math.sin(dpsi) * step[0],
         ]
     )
-    carry(rows, motion(*back, -dpsi), 0.0)
+    predict_mixture(rows, motion(*back, -dpsi), 0.0)
     assert rows == pytest.approx(before, abs=1e-12)
 
 
@@ -234,7 +234,7 @@ def test_carry_there_and_back_changes_nothing(seed, step, dpsi):
 def test_carry_keeps_the_distances_and_shapes(seed, step, dpsi):
     rows = random_mixture(np.random.default_rng(seed), 4)
     before = rows.copy()
-    carry(rows, motion(*step, dpsi), 0.0)
+    predict_mixture(rows, motion(*step, dpsi), 0.0)
 
     def distances(mixture):
         means = means_of(mixture)
@@ -248,7 +248,7 @@ def test_carry_keeps_the_distances_and_shapes(seed, step, dpsi):
 
 def test_a_robot_that_turns_left_sees_what_was_ahead_to_its_right():
     rows = columns([[1.0, 0.0]], [np.diag([0.04, 0.01])])
-    carry(rows, motion(0.0, 0.0, math.pi / 2, heading=0.01), 0.0)
+    predict_mixture(rows, motion(0.0, 0.0, math.pi / 2, heading=0.01), 0.0)
     assert means_of(rows)[0] == pytest.approx([0.0, -1.0])
     # The long axis is along the ray; the heading's error blurs across it.
     assert matrices_of(rows)[0] == pytest.approx(np.diag([0.01 + 0.01, 0.04]))
@@ -256,12 +256,12 @@ def test_a_robot_that_turns_left_sees_what_was_ahead_to_its_right():
 
 def test_noise_may_differ_between_stacked_mixtures():
     rows = np.stack([columns([[1.0, 0.0]], [np.eye(2)])] * 2, axis=1)
-    carry(rows, motion(0.0, 0.0, 0.0), np.array([[0.5], [0.0]]))
+    predict_mixture(rows, motion(0.0, 0.0, 0.0), np.array([[0.5], [0.0]]))
     assert rows[PXX].ravel().tolist() == [1.5, 1.0]
 
 
 def pair_set(rows, positions, noises, gate):
-    component, reading = near(rows, positions, noises, gate)
+    component, reading = gated_pairs(rows, positions, noises, gate)
     assert len(component) == len(set(zip(component.tolist(), reading.tolist(), strict=True)))
     return set(zip(component.tolist(), reading.tolist(), strict=True))
 
