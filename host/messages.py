@@ -57,7 +57,7 @@ class Bearings:
     lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
     identities as in `Positions`. view (centre, half width) rad: what the camera can see at all.
     ranges (n,) m, range_variances (n,) m²: from `origin`, by the size of the strip in the picture.
-    eye: the camera that saw them, "front" or "rear"; pixels (n, 2): where in its picture.
+    camera: the camera that saw them, "front" or "rear"; pixels (n, 2): where in its picture.
     """
 
     time: float
@@ -69,7 +69,7 @@ class Bearings:
     view: tuple[float, float] = (0.0, math.pi)
     ranges: FloatArray | None = None
     range_variances: FloatArray | None = None
-    eye: str = ""
+    camera: str = ""
     pixels: FloatArray | None = None
 
 

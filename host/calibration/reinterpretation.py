@@ -59,9 +59,9 @@ class Reinterpretation:
                 time=message.time + self._later_camera,
                 variances=np.maximum(message.variances + self._noise, 1e-8),
             )
-        if message.eye not in self._views or message.pixels is None:
+        if message.camera not in self._views or message.pixels is None:
             return message
-        view, shown = self._views[message.eye]
+        view, shown = self._views[message.camera]
         directions = view.directions_of(message.pixels)
         drawn = np.isfinite(directions[:, 0])  # the new lens may end before the old one
         message = _part(message, drawn)

@@ -46,7 +46,7 @@ def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, 
 )
 @click.option(
     "--eye",
-    "eye_name",
+    "camera_name",
     type=click.Choice(["front", "rear"]),
     default="front",
     show_default=True,
@@ -64,7 +64,7 @@ def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, 
 def colour(
     images: tuple[Path, ...],
     boxes: list[Box],
-    eye_name: str,
+    camera_name: str,
     robot_path: Path | None,
     output: Path,
     json_path: Path | None,
@@ -80,12 +80,12 @@ def colour(
             f"{len(boxes)} for {len(images)} picture(s): give one each, or none.",
             param_hint="--box",
         )
-    camera = robot(robot_path).camera
-    eye: Camera = getattr(camera, eye_name)
+    cameras = robot(robot_path).camera
+    camera: Camera = getattr(cameras, camera_name)
     jpegs = [strip_colour.read_picture(path) for path in images]
-    pixels = _strip_pixels(images, jpegs, boxes, camera, eye, eye_name)
-    strip = strip_colour.learn(pixels, camera.strip)
-    finder = StripFinder(camera.model_copy(update={"strip": strip}), eye)
+    pixels = _strip_pixels(images, jpegs, boxes, cameras, camera, camera_name)
+    strip = strip_colour.learn(pixels, cameras.strip)
+    finder = StripFinder(cameras.model_copy(update={"strip": strip}), camera)
     found = [finder.search(jpeg) for jpeg in jpegs]
     pictures = [
         output,
@@ -117,23 +117,25 @@ def _strip_pixels(
     images: tuple[Path, ...],
     jpegs: list[bytes],
     boxes: list[Box],
-    camera: Cameras,
-    eye: Camera,
-    eye_name: str,
+    cameras: Cameras,
+    camera: Camera,
+    camera_name: str,
 ) -> Image:
     """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""
-    geometry = StripGeometry(camera, eye)
+    geometry = StripGeometry(cameras, camera)
     decoder = fastest_decoder()  # as the search has it, whose idea of a whole picture counts
     chosen = []
     for k, (image, jpeg) in enumerate(zip(images, jpegs, strict=True)):
         try:
-            picture = decoder.decode(jpeg, (eye.width_px, eye.height_px), eye.height_px)
+            picture = decoder.decode(jpeg, (camera.width_px, camera.height_px), camera.height_px)
         except UnusableError as error:
             why = "it is torn"
             if str(error) == "wrong_size":
                 header = read_header(jpeg)
-                why = f"it has {header.width} x {header.height} px, but [camera.{eye_name}] says "
-                why += f"{eye.width_px} x {eye.height_px}"
+                why = (
+                    f"it has {header.width} x {header.height} px, but [camera.{camera_name}] says "
+                )
+                why += f"{camera.width_px} x {camera.height_px}"
             raise UserError(
                 f"{image} cannot be used",
                 why,
@@ -142,7 +144,7 @@ def _strip_pixels(
         if boxes:
             chosen.append(strip_colour.pixels_in_box(picture, boxes[k]))
         else:
-            chosen.append(strip_colour.pixels_of_best_blob(picture, camera.strip, geometry))
+            chosen.append(strip_colour.pixels_of_best_blob(picture, cameras.strip, geometry))
     return np.concatenate(chosen)
 
 

@@ -24,10 +24,10 @@ def _folders(
 ) -> dict[str, Path]:
     folders = {}
     for text in texts:
-        eye, _, folder = text.partition("=")
-        if eye not in ("front", "rear") or not folder:
+        camera, _, folder = text.partition("=")
+        if camera not in ("front", "rear") or not folder:
             raise click.BadParameter(f"{text!r} is not like front=FOLDER or rear=FOLDER.")
-        folders[eye] = Path(folder)
+        folders[camera] = Path(folder)
     return folders
 
 
@@ -45,7 +45,7 @@ boards_option = click.option(
     "--boards",
     multiple=True,
     callback=_folders,
-    metavar="EYE=FOLDER",
+    metavar="CAMERA=FOLDER",
     help="Pictures of a checkerboard by one camera: its lens is fitted to them and held.",
 )
 board_option = click.option(
@@ -59,13 +59,13 @@ board_option = click.option(
 
 
 def lenses(
-    folders: dict[str, Path], board: tuple[int, int, float], camera: Cameras
+    folders: dict[str, Path], board: tuple[int, int, float], cameras: Cameras
 ) -> dict[str, LensFit]:
-    """The lens of each eye, by its pictures. Raises UserError where these cannot tell it."""
+    """The lens of each camera, by its pictures. Raises UserError where they do not determine it."""
     found = {}
     for name, folder in folders.items():
-        eye: Camera = getattr(camera, name)
-        found[name] = fit_lens(_views(folder, board, eye), eye)
+        camera: Camera = getattr(cameras, name)
+        found[name] = fit_lens(_views(folder, board, camera), camera)
         click.echo(
             f"{name} camera: lens fitted to {len(found[name].errors)} pictures, rms "
             f"{found[name].rms_px:.2f} px"
@@ -73,7 +73,7 @@ def lenses(
     return found
 
 
-def _views(folder: Path, board: tuple[int, int, float], eye: Camera) -> list[BoardView]:
+def _views(folder: Path, board: tuple[int, int, float], camera: Camera) -> list[BoardView]:
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
     if not paths:
         raise UserError(
@@ -87,10 +87,10 @@ def _views(folder: Path, board: tuple[int, int, float], eye: Camera) -> list[Boa
         grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if grey is None:
             raise UserError(f"{path} is no picture", "it cannot be decoded", "remove it")
-        if grey.shape != (eye.height_px, eye.width_px):
+        if grey.shape != (camera.height_px, camera.width_px):
             raise UserError(
                 f"{path} has {grey.shape[1]} x {grey.shape[0]} px",
-                f"the camera's pictures have {eye.width_px} x {eye.height_px} px in robot.toml",
+                f"robot.toml has {camera.width_px} x {camera.height_px} px for this camera",
                 "give pictures of that camera at that size",
             )
         pixels = find_corners(grey.astype("uint8"), columns, rows)

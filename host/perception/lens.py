@@ -48,35 +48,35 @@ def equidistant_limit(k1: float, k2: float) -> float:
 class Lens:
     """The lens of one camera: where a ray meets the picture, and which ray a pixel saw.
 
-    eye: whose focal length, centre, k1, k2 and model ("equidistant", or "orthographic" as Perera
+    camera: whose focal length, centre, k1, k2 and model ("equidistant", or "orthographic" as Perera
     2021 eq. 34 has it) are used. limit_rad: the farthest angle from the axis that has a pixel,
     where the radius stops growing. The picture's border is not looked at.
     """
 
-    def __init__(self, eye: Camera) -> None:
-        self.eye = eye
-        self._centre = np.array([eye.centre_x_px, eye.centre_y_px])
-        if eye.lens == "orthographic":
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._centre = np.array([camera.centre_x_px, camera.centre_y_px])
+        if camera.lens == "orthographic":
             self.limit_rad = 0.5 * math.pi
         else:
-            self.limit_rad = equidistant_limit(eye.k1, eye.k2)
+            self.limit_rad = equidistant_limit(camera.k1, camera.k2)
         self._table = np.linspace(0.0, self.limit_rad, _TABLE_SIZE)
         # Rounding must not make a radius fall where it stops growing: the table is searched.
-        self._radii = np.maximum.accumulate(equidistant_radius(self._table, eye.k1, eye.k2))
+        self._radii = np.maximum.accumulate(equidistant_radius(self._table, camera.k1, camera.k2))
 
     def radius(self, angles: FloatArray) -> FloatArray:
         """Radii (px) at `angles` (rad from the axis, any shape); nan where there is none."""
         angles = np.asarray(angles, dtype=float)
         inside = (angles >= 0.0) & (angles <= self.limit_rad)
         angles = np.where(inside, angles, math.nan)
-        if self.eye.lens == "orthographic":
-            return np.asarray(self.eye.focal_px * np.sin(angles))
-        return self.eye.focal_px * equidistant_radius(angles, self.eye.k1, self.eye.k2)
+        if self.camera.lens == "orthographic":
+            return np.asarray(self.camera.focal_px * np.sin(angles))
+        return self.camera.focal_px * equidistant_radius(angles, self.camera.k1, self.camera.k2)
 
     def angle(self, radii: FloatArray) -> FloatArray:
         """Angles (rad) from the axis at `radii` (px, any shape): the inverse of `radius`."""
-        scaled = np.asarray(radii, dtype=float) / self.eye.focal_px
-        if self.eye.lens == "orthographic":
+        scaled = np.asarray(radii, dtype=float) / self.camera.focal_px
+        if self.camera.lens == "orthographic":
             return np.asarray(np.arcsin(np.where(scaled <= 1.0, scaled, math.nan)))
         # The farthest pixel stays inside however its radius was rounded.
         inside = (scaled >= 0.0) & (scaled <= self._radii[-1] * (1.0 + _PRECISION))
@@ -90,7 +90,7 @@ class Lens:
         Newton's steps from a table, kept between bounds: alone they leave where the radius is
         nearly level.
         """
-        k1, k2 = self.eye.k1, self.eye.k2
+        k1, k2 = self.camera.k1, self.camera.k2
         cell = np.clip(np.searchsorted(self._radii, radii), 1, _TABLE_SIZE - 1)
         low, high = self._table[cell - 1], self._table[cell]
         angles = np.interp(radii, self._radii, self._table)
@@ -144,10 +144,10 @@ class View:
     into the robot frame; its columns are the picture's right, its down, and the axis.
     """
 
-    def __init__(self, eye: Camera) -> None:
-        self.lens = Lens(eye)
-        self.origin = np.array([eye.x_m, eye.y_m, eye.z_m])
-        self.to_robot = mounting_rotation(eye.heading_rad, eye.tilt_rad, eye.roll_rad)
+    def __init__(self, camera: Camera) -> None:
+        self.lens = Lens(camera)
+        self.origin = np.array([camera.x_m, camera.y_m, camera.z_m])
+        self.to_robot = mounting_rotation(camera.heading_rad, camera.tilt_rad, camera.roll_rad)
 
     def pixels_of(self, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of `points` (n, 3) m in the robot frame; nan where there is none."""

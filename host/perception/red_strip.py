@@ -96,13 +96,13 @@ class StripFinder:
     """
 
     def __init__(
-        self, camera: Cameras, eye: Camera, decoder: JpegDecoder | None = None, name: str = ""
+        self, cameras: Cameras, camera: Camera, decoder: JpegDecoder | None = None, name: str = ""
     ) -> None:
-        self._camera, self._eye, self._name = camera, eye, name
+        self._cameras, self._camera, self._name = cameras, camera, name
         self.decoder = decoder or fastest_decoder()
-        self._size = (eye.width_px, eye.height_px)
-        self._colour = StripColour(camera.strip)
-        self.geometry = StripGeometry(camera, eye)
+        self._size = (camera.width_px, camera.height_px)
+        self._colour = StripColour(cameras.strip)
+        self.geometry = StripGeometry(cameras, camera)
         self.counts: dict[str, int] = {"pictures": 0, "strips": 0}
 
     def find(self, jpeg: bytes, time: float) -> Bearings | None:
@@ -111,16 +111,16 @@ class StripFinder:
             blobs = [blob for blob in self.search(jpeg) if blob.kept]
         except UnusableError:
             return None
-        noise = self._camera.bearing_noise_rad**2
+        noise = self._cameras.bearing_noise_rad**2
         return Bearings(
             time=time,
             bearings=np.array([blob.bearing_rad for blob in blobs], dtype=float),
             variances=np.array([noise + blob.variance_rad2 for blob in blobs], dtype=float),
-            origin=(self._eye.x_m, self._eye.y_m),
+            origin=(self._camera.x_m, self._camera.y_m),
             view=self.geometry.view,
             ranges=np.array([blob.range_m for blob in blobs], dtype=float),
             range_variances=np.array([blob.range_std_m**2 for blob in blobs], dtype=float),
-            eye=self._name,
+            camera=self._name,
             pixels=np.array([(blob.x, blob.y) for blob in blobs], dtype=float).reshape(-1, 2),
         )
 
@@ -200,7 +200,7 @@ class StripFinder:
 
     @property
     def _proportion(self) -> float:
-        return self._camera.strip.diameter_m / self._camera.strip.tall_m
+        return self._cameras.strip.diameter_m / self._cameras.strip.tall_m
 
     def _judge(self, patch: _Patch, picture: Image) -> Blob:
         """Measure one blob, and say whether it can be a teammate's strip."""
@@ -217,7 +217,7 @@ class StripFinder:
         azimuth = float((solid * self.geometry.azimuth[box]).sum()) / total
         elevation = float((solid * self.geometry.elevation[box]).sum()) / total
         pixels = float(share.sum())
-        strip = self._camera.strip
+        strip = self._cameras.strip
         distance = math.sqrt(strip.diameter_m * strip.tall_m / total)
         reason = self._reason(patch, azimuth, elevation, distance)
         pixel_rad = math.sqrt(total / pixels)
@@ -248,7 +248,7 @@ class StripFinder:
             "own_body": geometry.on_own_body(azimuth, elevation),
             "below_band": elevation < geometry.lowest,
             "too_large": distance < _NEAREST * REACH_M,
-            "too_small": distance > _FARTHEST * self._camera.max_range_m,
+            "too_small": distance > _FARTHEST * self._cameras.max_range_m,
             "too_wide": patch.wide > _TOO_WIDE * self._proportion * patch.tall + pixel,
             "too_tall": patch.tall > _TOO_TALL / self._proportion * patch.wide + pixel,
         }

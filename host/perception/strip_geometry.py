@@ -29,11 +29,11 @@ class StripGeometry:
     drawn: 255 where the lens draws anything, 0 elsewhere, as are the others there.
     """
 
-    def __init__(self, camera: Cameras, eye: Camera) -> None:
-        self._camera, self._eye = camera, eye
-        self._view = View(eye)
-        self._offset_m = camera.strip.height_m - eye.z_m
-        distances = np.geomspace(REACH_M, camera.max_range_m, _RANGES)
+    def __init__(self, cameras: Cameras, camera: Camera) -> None:
+        self._cameras, self._camera = cameras, camera
+        self._view = View(camera)
+        self._offset_m = cameras.strip.height_m - camera.z_m
+        distances = np.geomspace(REACH_M, cameras.max_range_m, _RANGES)
         elevations = np.arctan2(self._offset_m, distances)
         self.lowest = float(elevations.min()) - _LEVEL_RAD
         self.highest = float(elevations.max()) + _LEVEL_RAD
@@ -42,28 +42,28 @@ class StripGeometry:
 
     def _survey(self, distances: FloatArray) -> tuple[int, tuple[float, float]]:
         """Rows in which strips can be, and the bearings that the picture shows."""
-        camera, eye = self._camera, self._eye
+        cameras, camera = self._cameras, self._camera
         offsets = np.linspace(-math.pi, math.pi, _BEARINGS, endpoint=False)
-        bearing, distance = np.meshgrid(offsets + eye.heading_rad, distances, indexing="ij")
-        x = eye.x_m + distance * np.cos(bearing)
-        y = eye.y_m + distance * np.sin(bearing)
-        points = np.stack((x, y, np.full_like(x, camera.strip.height_m)), axis=-1)
+        bearing, distance = np.meshgrid(offsets + camera.heading_rad, distances, indexing="ij")
+        x = camera.x_m + distance * np.cos(bearing)
+        y = camera.y_m + distance * np.sin(bearing)
+        points = np.stack((x, y, np.full_like(x, cameras.strip.height_m)), axis=-1)
         pixels = self._view.pixels_of(points.reshape(-1, 3)).reshape((*points.shape[:2], 2))
         inside = self._in_picture(pixels)
-        far = distances >= min(0.5 * camera.half_range_m, 0.9 * camera.max_range_m)
+        far = distances >= min(0.5 * cameras.half_range_m, 0.9 * cameras.max_range_m)
         shown = np.asarray(inside[:, far].all(axis=1))
         seen = np.flatnonzero(shown)
         if not len(seen):
-            return 2 * SCALE, (eye.heading_rad, 0.0)
+            return 2 * SCALE, (camera.heading_rad, 0.0)
         # Corners of the picture see near strips farther aside than others; that is the other
         # camera's part.
         lowest = np.max(pixels[seen, :, 1], where=inside[seen], initial=0.0)
-        rows = min(math.ceil(lowest) + 1, eye.height_px)
+        rows = min(math.ceil(lowest) + 1, camera.height_px)
         if shown.all():
-            return rows, (eye.heading_rad, math.pi)
+            return rows, (camera.heading_rad, math.pi)
         first, last = _longest_run(shown)
         step = math.tau / _BEARINGS
-        centre = float(wrap(eye.heading_rad - math.pi + 0.5 * (first + last) * step))
+        centre = float(wrap(camera.heading_rad - math.pi + 0.5 * (first + last) * step))
         return rows, (centre, 0.5 * (last - first) * step)
 
     def _in_picture(self, pixels: FloatArray) -> BoolArray:
@@ -71,13 +71,13 @@ class StripGeometry:
         with np.errstate(invalid="ignore"):  # nan is outside
             return np.asarray(
                 (x >= -0.5)
-                & (x <= self._eye.width_px - 0.5)
+                & (x <= self._camera.width_px - 0.5)
                 & (y >= -0.5)
-                & (y <= self._eye.height_px - 0.5)
+                & (y <= self._camera.height_px - 0.5)
             )
 
     def _directions(self) -> tuple[Image, FloatArray, FloatArray, FloatArray]:
-        rows, columns = -(-self.rows // SCALE), -(-self._eye.width_px // SCALE)
+        rows, columns = -(-self.rows // SCALE), -(-self._camera.width_px // SCALE)
         y, x = np.indices((rows, columns), dtype=float)
         pixels = full_size(np.stack((x, y), axis=-1)).reshape(-1, 2)
         ray = self._view.directions_of(pixels).reshape(rows, columns, 3)
@@ -85,7 +85,7 @@ class StripGeometry:
         solid_angle = np.linalg.norm(np.cross(right, down), axis=-1)
         drawn = np.isfinite(solid_angle)
         ray = np.where(drawn[..., None], ray, 0.0)
-        azimuth = wrap(np.arctan2(ray[..., 1], ray[..., 0]) - self._eye.heading_rad)
+        azimuth = wrap(np.arctan2(ray[..., 1], ray[..., 0]) - self._camera.heading_rad)
         elevation = np.arcsin(np.clip(ray[..., 2], -1.0, 1.0))
         mask = np.where(drawn, 255, 0).astype(np.uint8)
         return mask, azimuth, elevation, np.where(drawn, solid_angle, 0.0)
@@ -94,14 +94,14 @@ class StripGeometry:
         """Whether a ray meets the floor within the robot's own outline."""
         if elevation >= 0.0:
             return False
-        bearing, reach = azimuth + self._eye.heading_rad, self._eye.z_m / math.tan(-elevation)
-        x = self._eye.x_m + reach * math.cos(bearing)
-        y = self._eye.y_m + reach * math.sin(bearing)
+        bearing, reach = azimuth + self._camera.heading_rad, self._camera.z_m / math.tan(-elevation)
+        x = self._camera.x_m + reach * math.cos(bearing)
+        y = self._camera.y_m + reach * math.sin(bearing)
         return math.hypot(x, y) < BODY_M
 
     def bearing(self, azimuth: float) -> float:
         """Bearing (rad, in [-pi, pi)) in the robot frame (Perera 2021 eq. 37, repaired)."""
-        return float(wrap(azimuth + self._eye.heading_rad))
+        return float(wrap(azimuth + self._camera.heading_rad))
 
 
 def _longest_run(shown: BoolArray) -> tuple[int, int]:

@@ -38,6 +38,8 @@ _KINDS: dict[str, type[Message]] = {
     kind.__name__.lower(): kind
     for kind in (Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health)
 }
+_ON_DISK = {"camera": "eye"}  # fields by another name in the file, as its first version has them
+_FROM_DISK = {there: here for here, there in _ON_DISK.items()}
 _BEFORE_CRC, _AFTER_CRC = b'{"crc":"', b'",'
 _CRC_END = len(_BEFORE_CRC) + 8
 
@@ -80,7 +82,10 @@ class Recorder:
     def write(self, message: Message) -> None:
         """Append one message. Raises UserError where that fails, for example on a full disk."""
         kind = type(message)
-        values = {field.name: getattr(message, field.name) for field in fields(kind)}
+        values = {
+            _ON_DISK.get(field.name, field.name): getattr(message, field.name)
+            for field in fields(kind)
+        }
         self._write({"kind": kind.__name__.lower(), **values})
 
     def _write(self, content: dict[str, Any]) -> None:
@@ -195,7 +200,9 @@ class Recording:
         if kind is None:
             raise self._damaged(number, f"there is no message of kind {name!r}")
         try:
-            return kind(**{field: _decode(value) for field, value in content.items()})
+            return kind(
+                **{_FROM_DISK.get(field, field): _decode(value) for field, value in content.items()}
+            )
         except (TypeError, ValueError, KeyError, IndexError, binascii.Error) as error:
             raise self._damaged(number, f"no {name}: {error}") from error
 

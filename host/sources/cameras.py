@@ -13,9 +13,9 @@ from host.perception.red_strip import StripFinder
 class StripCamera:
     """One camera, "front" or "rear": `run` it in a thread."""
 
-    def __init__(self, name: str, camera: Cameras, eye: Camera) -> None:
-        self._driver = CameraDriver(f"{name} camera", eye, camera.delay_s)
-        self._finder = StripFinder(camera, eye, name=name)
+    def __init__(self, name: str, cameras: Cameras, camera: Camera) -> None:
+        self._driver = CameraDriver(f"{name} camera", camera, cameras.delay_s)
+        self._finder = StripFinder(cameras, camera, name=name)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Bearings of each picture, and the driver's Health with the search's counts."""
@@ -32,11 +32,11 @@ class StripCamera:
         self._driver.run(take, stop)
 
 
-def cameras(config: Cameras) -> dict[str, StripCamera]:
+def camera_sources(config: Cameras) -> dict[str, StripCamera]:
     """The cameras that have a source, by the name that Health calls them."""
-    eyes = {"front": config.front, "rear": config.rear}
+    by_name = {"front": config.front, "rear": config.rear}
     return {
-        f"{name} camera": StripCamera(name, config, eye)
-        for name, eye in eyes.items()
-        if eye.source != "none"
+        f"{name} camera": StripCamera(name, config, camera)
+        for name, camera in by_name.items()
+        if camera.source != "none"
     }

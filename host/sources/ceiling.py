@@ -63,7 +63,8 @@ class CeilingCamera:
             seen = "are seen where none can be" if math.isnan(side) else f"look {size}"
             reason = (
                 f"tags {seen}\n"
-                "check tag_m and tag_height_m in [mocap.ceiling], and z_m and focal_px of its eye"
+                "check tag_m and tag_height_m in [mocap.ceiling], and z_m and focal_px in "
+                "[mocap.ceiling.eye]"
             )
         elif ok and news["doubled"]:
             reason += "; one number is on two tags, which are left out: give each its own"

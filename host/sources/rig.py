@@ -14,7 +14,7 @@ from host.pipeline import Source
 from host.simulation.devices.board import best_board
 from host.simulation.live import Interval, LiveSimulation
 from host.simulation.world import scenarios
-from host.sources.cameras import cameras
+from host.sources.cameras import camera_sources
 from host.sources.ceiling import CeilingCamera
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
@@ -39,15 +39,15 @@ class Rig:
 
 def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
     """The robot's own devices. Raises UserError where cameras are wanted and none is named."""
-    eyes = {} if sensors == LIDAR_ONLY else cameras(robot.camera)
-    if sensors == LIDAR_AND_CAMERA and not eyes:
+    found = {} if sensors == LIDAR_ONLY else camera_sources(robot.camera)
+    if sensors == LIDAR_AND_CAMERA and not found:
         raise UserError(
             "there is no camera to use",
             'source is "none" in [camera.front] and [camera.rear] of robot.toml',
             "name their sources there (docs/cameras.md), or use --sensors lidar",
         )
-    sources = {**_drivers(robot), **eyes, **_motion_capture(robot)}
-    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if eyes else LIDAR_ONLY, sources)
+    sources = {**_drivers(robot), **found, **_motion_capture(robot)}
+    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if found else LIDAR_ONLY, sources)
 
 
 def _drivers(robot: RobotConfig) -> dict[str, Source]:
@@ -68,7 +68,7 @@ def simulated_rig(
     config = live.config
     sources = {**_drivers(config), **_motion_capture(config)}
     if sensors == LIDAR_AND_CAMERA:
-        sources |= cameras(config.camera) if parsed.rendered else {"camera": live.camera}
+        sources |= camera_sources(config.camera) if parsed.rendered else {"camera": live.camera}
     title = f"{scenario} (simulated; board: {board.name})"
     return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
 

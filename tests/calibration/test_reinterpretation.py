@@ -51,7 +51,7 @@ def test_bearings_are_those_of_the_other_mounting(
     compared = 0
     for one, other in zip(made, expected, strict=True):
         assert one.time == pytest.approx(other.time, abs=1e-9)
-        assert (one.eye, one.origin) == (other.eye, other.origin)
+        assert (one.camera, one.origin) == (other.camera, other.origin)
         assert one.view == other.view
         assert one.pixels is not None
         assert other.pixels is not None
@@ -71,7 +71,7 @@ def test_the_view_is_that_of_the_other_lens_and_what_it_does_not_draw_is_left_ou
         np.array([0.0, 0.1, 0.2]),
         np.full(3, 4e-4),
         ranges=np.array([1.0, 2.0, 3.0]),
-        eye="front",
+        camera="front",
         pixels=np.array([(959.5, 300.0), (-500.0, 0.0), (900.0, 310.0)]),
     )
     found = Reinterpretation(TOLD, TOLD.model_copy(update={"camera": camera})).of(told)

@@ -13,30 +13,30 @@ STRIP_BGR = (40.0, 35.0, 190.0)
 _FINE = 4  # drawn so much larger, and averaged
 
 
-def pixel_of(point: FloatArray, eye: Camera) -> tuple[float, float]:
+def pixel_of(point: FloatArray, camera: Camera) -> tuple[float, float]:
     """Where a point (x, y, z) m of the robot frame meets the picture of an equidistant lens."""
-    ahead, aside, up = point - (eye.x_m, eye.y_m, eye.z_m)
-    c, s = math.cos(eye.heading_rad), math.sin(eye.heading_rad)
+    ahead, aside, up = point - (camera.x_m, camera.y_m, camera.z_m)
+    c, s = math.cos(camera.heading_rad), math.sin(camera.heading_rad)
     ahead, left = c * ahead + s * aside, c * aside - s * ahead
-    c, s = math.cos(eye.tilt_rad), math.sin(eye.tilt_rad)
+    c, s = math.cos(camera.tilt_rad), math.sin(camera.tilt_rad)
     axis, down = c * ahead - s * up, -s * ahead - c * up
     across = math.hypot(left, down)
-    radius = eye.focal_px * math.atan2(across, axis)
-    return eye.centre_x_px - radius * left / across, eye.centre_y_px + radius * down / across
+    radius = camera.focal_px * math.atan2(across, axis)
+    return camera.centre_x_px - radius * left / across, camera.centre_y_px + radius * down / across
 
 
-def place(eye: Camera, bearing: float, distance: float) -> FloatArray:
+def place(camera: Camera, bearing: float, distance: float) -> FloatArray:
     """Point (x, y) m of the robot frame at a bearing (rad) and distance from the camera."""
-    return np.array([eye.x_m, eye.y_m]) + distance * np.array(
+    return np.array([camera.x_m, camera.y_m]) + distance * np.array(
         [math.cos(bearing), math.sin(bearing)]
     )
 
 
-def background(eye: Camera, seed: int) -> Image:
+def background(camera: Camera, seed: int) -> Image:
     """Uneven grey with a touch of colour, and a sensor's noise."""
     random = np.random.default_rng(seed)
     cells = random.integers(90, 160, (18, 32, 1)) + random.integers(-10, 11, (18, 32, 3))
-    size = (eye.width_px, eye.height_px)
+    size = (camera.width_px, camera.height_px)
     smooth = cv2.resize(cells.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(smooth + random.normal(0.0, 4.0, smooth.shape), np.uint8)
 
@@ -60,36 +60,36 @@ def draw_quad(
 
 def draw_coat(
     picture: Image,
-    eye: Camera,
+    camera: Camera,
     middle: FloatArray,
     heights: tuple[float, float],
     diameter: float,
     colour: tuple[float, ...] = STRIP_BGR,
 ) -> None:
     """The visible half of an upright cylinder's coat between two heights (m) around (x, y) m."""
-    to_eye = np.array([eye.x_m, eye.y_m]) - middle
-    facing, reach = math.atan2(to_eye[1], to_eye[0]), float(np.hypot(*to_eye))
+    to_camera = np.array([camera.x_m, camera.y_m]) - middle
+    facing, reach = math.atan2(to_camera[1], to_camera[0]), float(np.hypot(*to_camera))
     half = math.acos(min(0.5 * diameter / reach, 1.0))
     rim = [
         middle + 0.5 * diameter * np.array([math.cos(a), math.sin(a)])
         for a in facing + np.linspace(-half, half, 25)
     ]
-    low = [pixel_of(np.append(point, heights[0]), eye) for point in rim]
-    high = [pixel_of(np.append(point, heights[1]), eye) for point in rim]
+    low = [pixel_of(np.append(point, heights[0]), camera) for point in rim]
+    high = [pixel_of(np.append(point, heights[1]), camera) for point in rim]
     draw_quad(picture, low + high[::-1], colour)
 
 
 def draw_strip(
     picture: Image,
-    camera: Cameras,
-    eye: Camera,
+    cameras: Cameras,
+    camera: Camera,
     middle: FloatArray,
     colour: tuple[float, ...] = STRIP_BGR,
 ) -> None:
     """A teammate's strip around (x, y) m."""
-    strip = camera.strip
+    strip = cameras.strip
     heights = (strip.height_m - 0.5 * strip.tall_m, strip.height_m + 0.5 * strip.tall_m)
-    draw_coat(picture, eye, middle, heights, strip.diameter_m, colour)
+    draw_coat(picture, camera, middle, heights, strip.diameter_m, colour)
 
 
 def encode(picture: Image, quality: int = 80) -> bytes:

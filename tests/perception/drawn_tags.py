@@ -27,34 +27,34 @@ def marker(number: int, pixels: int = _CELLS) -> NDArray[np.uint8]:
     return np.asarray(aruco.drawMarker(tags, number, pixels))  # before 4.7
 
 
-def rays(eye: Camera, pixels: FloatArray) -> FloatArray:
+def rays(camera: Camera, pixels: FloatArray) -> FloatArray:
     """Vectors (n, 3) in the floor's frame of a camera that looks straight down.
 
     Its picture's up is its heading. The angle of a lens is found step by step, which does for a
     slight distortion.
     """
-    across = (pixels - (eye.centre_x_px, eye.centre_y_px)) / eye.focal_px
+    across = (pixels - (camera.centre_x_px, camera.centre_y_px)) / camera.focal_px
     radius = np.hypot(*across.T)
     angle = radius.copy()
-    for _ in range(8 if eye.k1 or eye.k2 else 0):
+    for _ in range(8 if camera.k1 or camera.k2 else 0):
         square = angle * angle
-        angle = radius / (1.0 + square * (eye.k1 + eye.k2 * square))
+        angle = radius / (1.0 + square * (camera.k1 + camera.k2 * square))
     tangent = np.tan(angle) / np.maximum(radius, 1e-12)
     ahead, left = -across[:, 1] * tangent, -across[:, 0] * tangent
-    c, s = math.cos(eye.heading_rad), math.sin(eye.heading_rad)
+    c, s = math.cos(camera.heading_rad), math.sin(camera.heading_rad)
     return np.stack((c * ahead - s * left, s * ahead + c * left, -np.ones_like(angle)), axis=1)
 
 
-def pixel_of(eye: Camera, point: FloatArray) -> FloatArray:
+def pixel_of(camera: Camera, point: FloatArray) -> FloatArray:
     """Where a point (3,) m of the floor's frame is in the picture of a camera that looks down."""
-    x, y, z = point - (eye.x_m, eye.y_m, eye.z_m)
-    c, s = math.cos(eye.heading_rad), math.sin(eye.heading_rad)
+    x, y, z = point - (camera.x_m, camera.y_m, camera.z_m)
+    c, s = math.cos(camera.heading_rad), math.sin(camera.heading_rad)
     ahead, left = c * x + s * y, c * y - s * x
     across = math.hypot(ahead, left)
     angle = math.atan2(across, -z)
-    radius = eye.focal_px * (angle + eye.k1 * angle**3 + eye.k2 * angle**5)
+    radius = camera.focal_px * (angle + camera.k1 * angle**3 + camera.k2 * angle**5)
     scale = radius / max(across, 1e-12)
-    return np.array([eye.centre_x_px - scale * left, eye.centre_y_px - scale * ahead])
+    return np.array([camera.centre_x_px - scale * left, camera.centre_y_px - scale * ahead])
 
 
 def draw(ceiling: Ceiling, tags: dict[int, tuple[float, float, float]], seed: int = 0) -> NDArray:
@@ -66,8 +66,8 @@ def draw_all(
     ceiling: Ceiling, tags: list[tuple[int, tuple[float, float, float]]], seed: int = 0
 ) -> NDArray:
     """As `draw`, where a number may be there twice."""
-    eye, random = ceiling.eye, np.random.default_rng(seed)
-    picture = np.full((eye.height_px, eye.width_px), 110.0, np.float32)
+    camera, random = ceiling.eye, np.random.default_rng(seed)
+    picture = np.full((camera.height_px, camera.width_px), 110.0, np.float32)
     for number, pose in tags:
         _draw_one(picture, ceiling, number, pose)
     picture = cv2.GaussianBlur(picture, (0, 0), 0.7)
@@ -78,16 +78,21 @@ def draw_all(
 def _draw_one(
     picture: FloatArray, ceiling: Ceiling, number: int, pose: tuple[float, float, float]
 ) -> None:
-    eye, side = ceiling.eye, ceiling.tag_m
-    centre = pixel_of(eye, np.array([pose[0], pose[1], ceiling.tag_height_m]))
-    reach = 1.1 * _QUIET * side * eye.focal_px / (eye.z_m - ceiling.tag_height_m)
+    camera, side = ceiling.eye, ceiling.tag_m
+    centre = pixel_of(camera, np.array([pose[0], pose[1], ceiling.tag_height_m]))
+    reach = 1.1 * _QUIET * side * camera.focal_px / (camera.z_m - ceiling.tag_height_m)
     x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
-    x1, y1 = np.minimum(np.ceil(centre + reach).astype(int) + 1, (eye.width_px, eye.height_px))
+    x1, y1 = np.minimum(
+        np.ceil(centre + reach).astype(int) + 1, (camera.width_px, camera.height_px)
+    )
     fine = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     columns = (np.arange(x0, x1)[:, None] + fine).ravel()
     rows = (np.arange(y0, y1)[:, None] + fine).ravel()
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    seen = rays(eye, pixels)[:, :2] * (eye.z_m - ceiling.tag_height_m) + (eye.x_m, eye.y_m)
+    seen = rays(camera, pixels)[:, :2] * (camera.z_m - ceiling.tag_height_m) + (
+        camera.x_m,
+        camera.y_m,
+    )
     c, s = math.cos(pose[2]), math.sin(pose[2])
     off = seen - pose[:2]
     right, up = (off @ (c, s)) / side, (off @ (-s, c)) / side

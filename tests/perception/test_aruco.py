@@ -65,8 +65,8 @@ def test_tags_are_found_to_a_fraction_of_a_millimetre(ceiling: Ceiling) -> None:
 
 
 def test_heading_is_the_direction_of_the_printed_right() -> None:
-    eye = PLAIN.eye  # looks down with the picture's up ahead: its right is -y
-    picture = np.full((eye.height_px, eye.width_px), 255, np.uint8)
+    camera = PLAIN.eye  # looks down with the picture's up ahead: its right is -y
+    picture = np.full((camera.height_px, camera.width_px), 255, np.uint8)
     picture[300:360, 900:960] = marker(7, 60)
     (pose,) = TagFinder(PLAIN.model_copy(update={"tag_m": 0.0945})).find(picture, 0.0).poses
     assert math.degrees(pose[2]) == pytest.approx(-90.0, abs=0.3)

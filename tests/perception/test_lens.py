@@ -21,8 +21,8 @@ LENSES = {
     "nearly level midway": Camera(k1=-0.447, k2=0.1),
     "orthographic": Camera(lens="orthographic", focal_px=960.0),
 }
-every_lens = pytest.mark.parametrize("eye", LENSES.values(), ids=LENSES)
-EQUIDISTANT = [eye for eye in LENSES.values() if eye.lens == "equidistant"]
+every_lens = pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
+EQUIDISTANT = [camera for camera in LENSES.values() if camera.lens == "equidistant"]
 
 
 def ray(off_axis_rad: float, around_rad: float) -> FloatArray:
@@ -33,50 +33,50 @@ def ray(off_axis_rad: float, around_rad: float) -> FloatArray:
     )
 
 
-def pixel_by_hand(eye: Camera, off_axis: float, around: float) -> tuple[float, float]:
-    if eye.lens == "orthographic":
-        radius = eye.focal_px * math.sin(off_axis)
+def pixel_by_hand(camera: Camera, off_axis: float, around: float) -> tuple[float, float]:
+    if camera.lens == "orthographic":
+        radius = camera.focal_px * math.sin(off_axis)
     else:
-        radius = eye.focal_px * (off_axis + eye.k1 * off_axis**3 + eye.k2 * off_axis**5)
+        radius = camera.focal_px * (off_axis + camera.k1 * off_axis**3 + camera.k2 * off_axis**5)
     return (
-        eye.centre_x_px + radius * math.cos(around),
-        eye.centre_y_px + radius * math.sin(around),
+        camera.centre_x_px + radius * math.cos(around),
+        camera.centre_y_px + radius * math.sin(around),
     )
 
 
-def fold_by_search(eye: Camera) -> float:
+def fold_by_search(camera: Camera) -> float:
     """Where the radius stops growing, by looking at small steps."""
-    if eye.lens == "orthographic":
+    if camera.lens == "orthographic":
         return math.pi / 2
     angles = np.linspace(0.0, math.pi, 200_001)
-    radii = angles + eye.k1 * angles**3 + eye.k2 * angles**5
+    radii = angles + camera.k1 * angles**3 + camera.k2 * angles**5
     falling = np.flatnonzero(np.diff(radii) <= 0.0)
     return float(angles[falling[0]]) if len(falling) else math.pi
 
 
 @every_lens
-def test_single_rays_meet_the_picture_where_the_formula_says(eye: Camera) -> None:
-    lens = Lens(eye)
+def test_single_rays_meet_the_picture_where_the_formula_says(camera: Camera) -> None:
+    lens = Lens(camera)
     for off_axis in np.linspace(0.0, lens.limit_rad - 1e-6, 19):
         for around in (-2.5, -0.3, 0.0, 0.7, math.pi / 2, 3.0):
-            expected = pixel_by_hand(eye, off_axis, around)
+            expected = pixel_by_hand(camera, off_axis, around)
             length = 0.01 + 100.0 * abs(around)  # a ray's length does not matter
             (pixel,) = lens.project(length * ray(off_axis, around)[None])
             np.testing.assert_allclose(pixel, expected, atol=1e-8)
 
 
 @every_lens
-def test_the_limit_is_where_the_radius_stops_growing(eye: Camera) -> None:
-    assert Lens(eye).limit_rad == pytest.approx(fold_by_search(eye), abs=4e-5)
+def test_the_limit_is_where_the_radius_stops_growing(camera: Camera) -> None:
+    assert Lens(camera).limit_rad == pytest.approx(fold_by_search(camera), abs=4e-5)
 
 
 @given(
-    eye=st.sampled_from(list(LENSES.values())),
+    camera=st.sampled_from(list(LENSES.values())),
     off_axis=st.floats(0.0, math.pi),
     around=st.floats(-math.pi, math.pi),
 )
-def test_a_ray_comes_back_from_its_pixel(eye: Camera, off_axis: float, around: float) -> None:
-    lens = Lens(eye)
+def test_a_ray_comes_back_from_its_pixel(camera: Camera, off_axis: float, around: float) -> None:
+    lens = Lens(camera)
     assume(off_axis < lens.limit_rad - 1e-3)  # the inverse is as steep as one likes at the fold
     expected = ray(off_axis, around)
     pixels = lens.project(expected[None])
@@ -101,7 +101,7 @@ def test_every_pixel_up_to_the_farthest_comes_back_from_its_ray(
     (found,) = lens.angle(np.array([radius]))
     assert 0.0 <= found <= lens.limit_rad
     assert lens.radius(np.array([found]))[0] == pytest.approx(radius, rel=1e-12, abs=1e-9)
-    pixels = np.array([pixel_by_hand(lens.eye, angle, around)])
+    pixels = np.array([pixel_by_hand(lens.camera, angle, around)])
     rays = lens.unproject(pixels)
     assume(angle < math.pi - 1e-6)  # straight behind is a circle of pixels
     if np.isfinite(rays).all():  # the pixel itself is rounded, at the fold perhaps outwards
@@ -112,15 +112,19 @@ def test_every_pixel_up_to_the_farthest_comes_back_from_its_ray(
 
 
 @every_lens
-def test_beyond_the_limit_there_is_neither_pixel_nor_ray(eye: Camera) -> None:
-    lens = Lens(eye)
+def test_beyond_the_limit_there_is_neither_pixel_nor_ray(camera: Camera) -> None:
+    lens = Lens(camera)
     if lens.limit_rad < math.pi:
         outside = np.array([ray(lens.limit_rad + d, 1.0) for d in (1e-9, 0.01, 0.3)])
         assert np.isnan(lens.project(outside)).all()
     farthest = float(lens.radius(np.array([lens.limit_rad]))[0])
-    beyond = lens.unproject(np.array([[eye.centre_x_px + farthest * 1.0001, eye.centre_y_px]]))
+    beyond = lens.unproject(
+        np.array([[camera.centre_x_px + farthest * 1.0001, camera.centre_y_px]])
+    )
     assert np.isnan(beyond).all()
-    within = lens.unproject(np.array([[eye.centre_x_px + farthest * 0.9999, eye.centre_y_px]]))
+    within = lens.unproject(
+        np.array([[camera.centre_x_px + farthest * 0.9999, camera.centre_y_px]])
+    )
     assert np.isfinite(within).all()
 
 
@@ -140,23 +144,27 @@ def test_what_is_no_direction_has_no_pixel_and_harms_no_other() -> None:
     assert lens.unproject(np.zeros((0, 2))).shape == (0, 3)
 
 
-@pytest.mark.parametrize("eye", EQUIDISTANT)
-def test_opencv_draws_the_same_below_80_deg(eye: Camera) -> None:
-    lens = Lens(eye)
+@pytest.mark.parametrize("camera", EQUIDISTANT)
+def test_opencv_draws_the_same_below_80_deg(camera: Camera) -> None:
+    lens = Lens(camera)
     rng = np.random.default_rng(4)
     off_axis = rng.uniform(0.0, min(math.radians(80.0), lens.limit_rad), 500)
     rays = np.array([ray(a, b) for a, b in zip(off_axis, rng.uniform(-3.1, 3.1, 500), strict=True)])
-    camera = np.array(
-        [[eye.focal_px, 0, eye.centre_x_px], [0, eye.focal_px, eye.centre_y_px], [0, 0, 1]]
+    matrix = np.array(
+        [
+            [camera.focal_px, 0, camera.centre_x_px],
+            [0, camera.focal_px, camera.centre_y_px],
+            [0, 0, 1],
+        ]
     )
     theirs, _ = cv2.fisheye.projectPoints(
-        rays[:, None], np.zeros(3), np.zeros(3), camera, np.array([eye.k1, eye.k2, 0.0, 0.0])
+        rays[:, None], np.zeros(3), np.zeros(3), matrix, np.array([camera.k1, camera.k2, 0.0, 0.0])
     )
     np.testing.assert_allclose(lens.project(rays), theirs[:, 0], atol=1e-7)
 
 
-def pixel(eye: Camera, x: float, y: float, z: float) -> FloatArray:
-    return View(eye).pixels_of(np.array([[x, y, z]], dtype=float))[0]
+def pixel(camera: Camera, x: float, y: float, z: float) -> FloatArray:
+    return View(camera).pixels_of(np.array([[x, y, z]], dtype=float))[0]
 
 
 LEVEL = Camera(x_m=0.0, y_m=0.0, z_m=0.25, tilt_rad=0.0)

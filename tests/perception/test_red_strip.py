@@ -23,13 +23,13 @@ from tests.perception.drawn_strips import (
     place,
 )
 
-CAMERA = Cameras()
-FRONT, REAR = CAMERA.front, CAMERA.rear
+CAMERAS = Cameras()
+FRONT, REAR = CAMERAS.front, CAMERAS.rear
 
 
 @pytest.fixture(scope="module")
 def finder() -> StripFinder:
-    return StripFinder(CAMERA, FRONT)
+    return StripFinder(CAMERAS, FRONT)
 
 
 def kept(blobs: list[Blob]) -> list[Blob]:
@@ -40,26 +40,26 @@ def apart_deg(found: float, true: float) -> float:
     return math.degrees(abs(float(wrap(found - true))))
 
 
-@pytest.mark.parametrize("eye", [FRONT, REAR], ids=["front", "rear"])
+@pytest.mark.parametrize("camera", [FRONT, REAR], ids=["front", "rear"])
 @pytest.mark.parametrize("brightness", [0.5, 1.0, 2.0])
-def test_bearings_all_around_are_the_drawn_ones(eye: Camera, brightness: float) -> None:
-    search = StripFinder(CAMERA, eye)
+def test_bearings_all_around_are_the_drawn_ones(camera: Camera, brightness: float) -> None:
+    search = StripFinder(CAMERAS, camera)
     numbers = np.random.default_rng(7)
     for picture_number in range(4):
-        picture = background(eye, picture_number)
-        wanted = eye.heading_rad + np.array([-1.35, -0.7, 0.0, 0.6, 1.3])
+        picture = background(camera, picture_number)
+        wanted = camera.heading_rad + np.array([-1.35, -0.7, 0.0, 0.6, 1.3])
         wanted += numbers.uniform(-0.15, 0.15, 5)
         distances = numbers.uniform(0.4, 3.0, 5)
         for bearing, distance in zip(wanted, distances, strict=True):
-            draw_strip(picture, CAMERA, eye, place(eye, bearing, distance))
+            draw_strip(picture, CAMERAS, camera, place(camera, bearing, distance))
         picture = np.clip(picture * brightness, 0, 255).astype(np.uint8)
         bearings = search.find(encode(picture), 3.5)
         assert bearings is not None
-        assert (bearings.time, bearings.origin) == (3.5, (eye.x_m, eye.y_m))
+        assert (bearings.time, bearings.origin) == (3.5, (camera.x_m, camera.y_m))
         assert len(bearings.bearings) == 5
         errors = [min(apart_deg(b, true) for b in bearings.bearings) for true in wanted]
         assert max(errors) < 0.3
-        assert np.all(bearings.variances >= CAMERA.bearing_noise_rad**2)
+        assert np.all(bearings.variances >= CAMERAS.bearing_noise_rad**2)
         assert np.all((bearings.bearings >= -math.pi) & (bearings.bearings < math.pi))
     assert search.counts == {"pictures": 4, "strips": 20}
 
@@ -67,7 +67,7 @@ def test_bearings_all_around_are_the_drawn_ones(eye: Camera, brightness: float) 
 def test_the_middle_of_a_blob_is_where_the_strip_was_drawn(finder: StripFinder) -> None:
     for bearing, distance in ((0.0, 1.2), (1.2, 1.5), (-0.8, 2.5)):
         picture = background(FRONT, 1)
-        draw_strip(picture, CAMERA, FRONT, place(FRONT, bearing, distance))
+        draw_strip(picture, CAMERAS, FRONT, place(FRONT, bearing, distance))
         (blob,) = kept(finder.blobs(encode(picture)))
         x, y = pixel_of(np.append(place(FRONT, bearing, distance), 0.22), FRONT)
         assert math.hypot(blob.x - x, blob.y - y) < 1.5
@@ -76,7 +76,7 @@ def test_the_middle_of_a_blob_is_where_the_strip_was_drawn(finder: StripFinder) 
 def test_size_tells_the_distance_within_its_std(finder: StripFinder) -> None:
     for distance in (0.4, 0.8, 1.5, 3.0):
         picture = background(FRONT, 2)
-        draw_strip(picture, CAMERA, FRONT, place(FRONT, 0.4, distance))
+        draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.4, distance))
         (blob,) = kept(finder.blobs(encode(picture)))
         assert abs(blob.range_m - distance) < 2.0 * blob.range_std_m
         assert blob.range_std_m < 0.3 * distance
@@ -105,14 +105,14 @@ def test_what_cannot_be_a_strip_is_dropped_with_its_reason(finder: StripFinder) 
 
 def test_what_is_too_small_for_the_reach_is_dropped() -> None:
     picture = background(FRONT, 3)
-    draw_strip(picture, CAMERA, FRONT, place(FRONT, 0.2, 2.0))
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.2, 2.0))
     near_only = StripFinder(Cameras(max_range_m=1.0), FRONT)
     assert drop_reasons(near_only, picture) == ["too_small"]
 
 
 def test_red_on_the_own_body_is_no_teammate() -> None:
     low = Camera(z_m=0.2, tilt_rad=1.2)  # such a camera has its bonnet in the rows where strips are
-    search = StripFinder(CAMERA, low)
+    search = StripFinder(CAMERAS, low)
     picture = background(low, 4)
     x, y = pixel_of(np.array([0.16, 0.0, 0.0]), low)
     assert y < search.geometry.rows - 12
@@ -122,7 +122,7 @@ def test_red_on_the_own_body_is_no_teammate() -> None:
 
 def test_a_strip_behind_a_thin_post_is_one_bearing(finder: StripFinder) -> None:
     picture = background(FRONT, 5)
-    draw_strip(picture, CAMERA, FRONT, place(FRONT, -0.5, 0.8))
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, -0.5, 0.8))
     draw_coat(picture, FRONT, place(FRONT, -0.5, 0.6), (0.0, 0.5), 0.02, (120, 120, 120))
     (blob,) = finder.blobs(encode(picture))
     assert blob.kept
@@ -132,14 +132,14 @@ def test_a_strip_behind_a_thin_post_is_one_bearing(finder: StripFinder) -> None:
 def test_two_strips_side_by_side_are_two_bearings(finder: StripFinder) -> None:
     picture = background(FRONT, 6)
     for bearing in (0.5, 0.62):
-        draw_strip(picture, CAMERA, FRONT, place(FRONT, bearing, 1.2))
+        draw_strip(picture, CAMERAS, FRONT, place(FRONT, bearing, 1.2))
     blobs = kept(finder.blobs(encode(picture)))
     assert sorted(blob.bearing_rad for blob in blobs) == pytest.approx([0.5, 0.62], abs=0.006)
 
 
 def test_half_a_strip_says_that_its_middle_may_be_aside(finder: StripFinder) -> None:
     picture = background(FRONT, 7)
-    draw_strip(picture, CAMERA, FRONT, place(FRONT, 0.3, 1.0))
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.3, 1.0))
     whole = kept(finder.blobs(encode(picture)))[0]
     draw_coat(picture, FRONT, place(FRONT, 0.37, 0.7), (0.0, 0.5), 0.1, (30, 30, 30))
     half = kept(finder.blobs(encode(picture)))[0]
@@ -148,24 +148,24 @@ def test_half_a_strip_says_that_its_middle_may_be_aside(finder: StripFinder) -> 
 
 
 def test_another_colour_by_configuration() -> None:
-    camera = Cameras(strip=Strip(hue_deg=215.0, hue_width_deg=40.0))
-    search = StripFinder(camera, FRONT)
+    cameras = Cameras(strip=Strip(hue_deg=215.0, hue_width_deg=40.0))
+    search = StripFinder(cameras, FRONT)
     picture = background(FRONT, 8)
-    draw_strip(picture, camera, FRONT, place(FRONT, 0.3, 1.0), (200, 90, 20))
-    draw_strip(picture, camera, FRONT, place(FRONT, -0.3, 1.0))
+    draw_strip(picture, cameras, FRONT, place(FRONT, 0.3, 1.0), (200, 90, 20))
+    draw_strip(picture, cameras, FRONT, place(FRONT, -0.3, 1.0))
     (blob,) = search.blobs(encode(picture))
     assert apart_deg(blob.bearing_rad, 0.3) < 0.3
 
 
 def test_view_is_what_the_picture_shows_of_the_horizon() -> None:
-    centre, half = StripFinder(CAMERA, FRONT).geometry.view
+    centre, half = StripFinder(CAMERAS, FRONT).geometry.view
     assert (centre, half) == pytest.approx((0.0, math.pi / 2), abs=0.02)
-    centre, half = StripFinder(CAMERA, REAR).geometry.view
+    centre, half = StripFinder(CAMERAS, REAR).geometry.view
     assert abs(wrap(centre - math.pi)) < 0.02
     narrow = Camera(
         focal_px=611.15, width_px=1280, centre_x_px=639.5, heading_rad=0.7, tilt_rad=0.0
     )
-    centre, half = StripFinder(CAMERA, narrow).geometry.view
+    centre, half = StripFinder(CAMERAS, narrow).geometry.view
     assert (centre, half) == pytest.approx((0.7, 640 / 611.15), abs=0.02)
 
 
@@ -173,14 +173,14 @@ def test_view_is_what_the_picture_shows_of_the_horizon() -> None:
 def test_what_a_steep_camera_shows_on_both_sides_but_not_ahead_is_not_in_view(
     heading: float,
 ) -> None:
-    eye = Camera(tilt_rad=0.95, heading_rad=heading)
-    centre, half = StripFinder(CAMERA, eye).geometry.view
+    camera = Camera(tilt_rad=0.95, heading_rad=heading)
+    centre, half = StripFinder(CAMERAS, camera).geometry.view
     assert half > 0.5
     offsets = np.linspace(-math.pi, math.pi, 181)
     for offset in offsets[np.abs(offsets) < half]:
-        x, y = pixel_of(np.append(place(eye, centre + offset, 2.0), 0.22), eye)
-        assert -0.5 <= x <= eye.width_px - 0.5
-        assert -0.5 <= y <= eye.height_px - 0.5
+        x, y = pixel_of(np.append(place(camera, centre + offset, 2.0), 0.22), camera)
+        assert -0.5 <= x <= camera.width_px - 0.5
+        assert -0.5 <= y <= camera.height_px - 0.5
 
 
 def test_a_short_reach_does_not_widen_the_view() -> None:
@@ -189,29 +189,29 @@ def test_a_short_reach_does_not_widen_the_view() -> None:
 
 
 def test_a_camera_that_looks_away_from_the_horizon_finds_nothing() -> None:
-    search = StripFinder(CAMERA, Camera(tilt_rad=1.57, focal_px=1200.0))
+    search = StripFinder(CAMERAS, Camera(tilt_rad=1.57, focal_px=1200.0))
     bearings = search.find(encode(background(FRONT, 9)), 0.0)
     assert bearings is not None
     assert len(bearings.bearings) == 0
     assert search.geometry.view[1] == 0.0
 
 
-def small_eye() -> Camera:
+def small_camera() -> Camera:
     return Camera(width_px=384, height_px=208, focal_px=122.0, centre_x_px=191.5, centre_y_px=103.5)
 
 
 def small_jpegs(count: int) -> list[bytes]:
     jpegs = []
     for number in range(count):
-        picture = background(small_eye(), number)
+        picture = background(small_camera(), number)
         for bearing in (-0.6, 0.5):
-            draw_strip(picture, CAMERA, small_eye(), place(small_eye(), bearing, 0.5))
+            draw_strip(picture, CAMERAS, small_camera(), place(small_camera(), bearing, 0.5))
         jpegs.append(encode(picture))
     return jpegs
 
 
 def test_ten_thousand_damaged_pictures() -> None:
-    search, numbers = StripFinder(CAMERA, small_eye()), random.Random(4)  # the seed
+    search, numbers = StripFinder(CAMERAS, small_camera()), random.Random(4)  # the seed
     jpegs = small_jpegs(5)
     true = [[blob.bearing_rad for blob in kept(search.blobs(jpeg))] for jpeg in jpegs]
     assert all(len(bearings) == 2 for bearings in true)
@@ -258,8 +258,8 @@ def test_a_picture_all_in_the_strips_colour_is_survived(finder: StripFinder) -> 
 @pytest.mark.parametrize("grey", [0, 128])
 def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
     everything = Strip(hue_width_deg=180.0, saturation_min=0.0, value_min=0.0)
-    search = StripFinder(Cameras(strip=everything), small_eye())
-    picture = np.full((small_eye().height_px, small_eye().width_px, 3), grey, np.uint8)
+    search = StripFinder(Cameras(strip=everything), small_camera())
+    picture = np.full((small_camera().height_px, small_camera().width_px, 3), grey, np.uint8)
     assert drop_reasons(search, picture) == ["colourless"]
 
 
@@ -273,10 +273,10 @@ def mirrored_and_coded_anew(jpeg: bytes) -> list[bytes]:
 @pytest.mark.slow
 def test_both_decoders_find_the_same_blobs_in_500_pictures() -> None:
     try:
-        fast = StripFinder(CAMERA, FRONT, TurboDecoder())
+        fast = StripFinder(CAMERAS, FRONT, TurboDecoder())
     except OSError:
         pytest.skip("libturbojpeg is not installed")
-    plain = StripFinder(CAMERA, FRONT, OpenCvDecoder())
+    plain = StripFinder(CAMERAS, FRONT, OpenCvDecoder())
     rendered = (jpeg for jpeg, _ in frames(125, 11))
     for jpeg in itertools.chain.from_iterable(map(mirrored_and_coded_anew, rendered)):
         pairs = list(zip(fast.blobs(jpeg), plain.blobs(jpeg), strict=True))
@@ -290,7 +290,7 @@ def test_both_decoders_find_the_same_blobs_in_500_pictures() -> None:
 
 @pytest.mark.parametrize("brightness", [0.5, 1.0, 2.0])
 def test_rendered_pictures(brightness: float) -> None:
-    search = StripFinder(CAMERA, FRONT)
+    search = StripFinder(CAMERAS, FRONT)
     errors, asked, false = [], 0, 0
     pictures = list(frames(25, 21, look=Look(brightness=brightness, noise=4.0)))
     for jpeg, truth in pictures:

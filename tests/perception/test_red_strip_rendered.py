@@ -17,7 +17,7 @@ SCENES = 40
 RANGES_M = (0.4, 3.0)
 TEAMMATES, POSTS = 4, 2
 MATCH_RAD = math.radians(5.0)
-CAMERA = Cameras()
+CAMERAS = Cameras()
 
 
 @dataclass
@@ -44,9 +44,9 @@ def scatter(random: np.random.Generator) -> np.ndarray:
 def search(look: Look, scenes: int) -> Tally:
     """Search both cameras' pictures of random scenes, red things outside the band included."""
     random = np.random.default_rng(SEED)
-    eyes = (CAMERA.front, CAMERA.rear)
-    renderers = [Renderer(CAMERA, eye, look, SEED) for eye in eyes]
-    finders = [StripFinder(CAMERA, eye) for eye in eyes]
+    both = (CAMERAS.front, CAMERAS.rear)
+    renderers = [Renderer(CAMERAS, camera, look, SEED) for camera in both]
+    finders = [StripFinder(CAMERAS, camera) for camera in both]
     tally = Tally()
     for number in range(scenes):
         things = scatter(random)
@@ -59,7 +59,7 @@ def search(look: Look, scenes: int) -> Tally:
             jpeg = renderer.render(scene, number)
             found = finder.find(jpeg, 0.0)
             assert found is not None
-            truth = visible(renderer.view, CAMERA.strip, teammates, posts)
+            truth = visible(renderer.view, CAMERAS.strip, teammates, posts)
             shown = np.maximum(shown, truth.shares)
             off = np.where(truth.shares > 0.0, 1.0, math.inf) * wrap(
                 found.bearings[:, None] - truth.bearings

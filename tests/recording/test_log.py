@@ -109,6 +109,13 @@ def test_what_is_read_is_bit_for_bit_what_was_written(content, tmp_path_factory)
     assert not recording.torn
 
 
+def test_the_camera_stands_in_the_file_as_its_first_version_has_it(tmp_path):
+    seen = Bearings(1.0, np.array([0.5]), np.array([1e-4]), camera="rear")
+    path = write(tmp_path / "a", [seen])
+    assert b'"eye":"rear"' in path.read_bytes()
+    assert next(Recording(path).messages()).camera == "rear"
+
+
 def test_arrays_can_be_written_to(tmp_path):
     scan = next(Recording(write(tmp_path / "a", some_messages())).messages())
     scan.ranges[0] = 1.0

@@ -18,11 +18,11 @@ from tests.perception.drawn_tags import draw
 
 pytestmark = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV came without ArUco")
 PATIENCE_S = 30.0
-EYE = Ceiling().eye.model_copy(
+CAMERA = Ceiling().eye.model_copy(
     update={"width_px": 640, "height_px": 480, "focal_px": 900.0, "rate_hz": 20.0}
     | {"centre_x_px": 319.5, "centre_y_px": 239.5}
 )
-CEILING = Ceiling(eye=EYE)
+CEILING = Ceiling(eye=CAMERA)
 
 
 def recorded(path: Path, pictures: int = 6, times: int = 1) -> Ceiling:
@@ -36,7 +36,7 @@ def recorded(path: Path, pictures: int = 6, times: int = 1) -> Ceiling:
             jpeg = cv2.imencode(".jpg", draw(CEILING, tags, k), [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
             file.write(bytes(jpeg))
     path.write_bytes(times * path.read_bytes())
-    return CEILING.model_copy(update={"eye": EYE.model_copy(update={"source": str(path)})})
+    return CEILING.model_copy(update={"eye": CAMERA.model_copy(update={"source": str(path)})})
 
 
 @contextmanager

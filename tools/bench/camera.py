@@ -31,9 +31,9 @@ from host.perception.red_strip import StripFinder
 from host.simulation.pictures.render import Look, frames
 from host.simulation.pictures.sightings import Sightings
 
-CAMERA = Cameras()
-EYE = CAMERA.front
-SIZE = (EYE.width_px, EYE.height_px)
+CAMERAS = Cameras()
+CAMERA = CAMERAS.front
+SIZE = (CAMERA.width_px, CAMERA.height_px)
 LEAST_RATIO = {75: 4.0, 92: 3.0}  # of the usual pipeline's time, by JPEG quality
 MOST_FLOORS = 1.6
 MOST_SHARE = 0.3  # of one core, for two cameras of 30 pictures a second
@@ -84,7 +84,7 @@ class Usual:
     """The usual pipeline, with the same colours and the same lens."""
 
     def __init__(self) -> None:
-        self._view = View(EYE)
+        self._view = View(CAMERA)
         self._kernel = np.ones((3, 3), np.uint8)
 
     def contours(self, jpeg: bytes) -> list[np.ndarray]:
@@ -151,8 +151,8 @@ def least_ms(
 def measure(quality: int, rounds: int) -> dict[str, object]:
     """All figures at one JPEG quality."""
     look = Look(quality=quality, noise=SENSOR_NOISE)
-    pictures = list(frames(SCENES, 1, CAMERA, EYE, look))
-    finder, fallback = StripFinder(CAMERA, EYE), StripFinder(CAMERA, EYE, OpenCvDecoder())
+    pictures = list(frames(SCENES, 1, CAMERAS, CAMERA, look))
+    finder, fallback = StripFinder(CAMERAS, CAMERA), StripFinder(CAMERAS, CAMERA, OpenCvDecoder())
     usual, floor = Usual(), EntropyDecoder()
 
     def ours(jpeg: bytes) -> list[float]:

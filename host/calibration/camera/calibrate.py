@@ -100,7 +100,7 @@ def advice(gathered: Gathered) -> list[str]:
     By the bearings that the present configuration gives, which is near enough for this.
     """
     config = gathered.config
-    messages = [b for b in gathered.bearings if b.pixels is not None and b.eye in EYES]
+    messages = [b for b in gathered.bearings if b.pixels is not None and b.camera in EYES]
     count = sum(len(b.bearings) for b in messages)
     missing = []
     if count < _ENOUGH_STRIPS:
@@ -108,7 +108,7 @@ def advice(gathered: Gathered) -> list[str]:
     for name in EYES:
         if _exists(gathered, name):
             eye: Camera = getattr(config.camera, name)
-            seen = [b.bearings for b in messages if b.eye == name]
+            seen = [b.bearings for b in messages if b.camera == name]
             place = np.degrees(wrap(np.concatenate([*seen, np.zeros(0)])))
             shown = shown_sectors(eye, config.camera.strip.height_m)
             hits = [int(np.count_nonzero((place >= s) & (place < s + SECTOR_DEG))) for s in shown]
@@ -129,7 +129,7 @@ def advice(gathered: Gathered) -> list[str]:
 def _exists(gathered: Gathered, name: str) -> bool:
     """Whether the robot has this camera: it is configured, or something came from it."""
     eye: Camera = getattr(gathered.config.camera, name)
-    return eye.source != "none" or any(b.eye == name for b in gathered.bearings)
+    return eye.source != "none" or any(b.camera == name for b in gathered.bearings)
 
 
 def _used_errors(fit: CameraFit) -> FloatArray:

@@ -118,9 +118,9 @@ def _link(
 def strips_of(gathered: Gathered) -> Strips:
     """What both cameras saw. Raises UserError where no message says where in the picture."""
     parts = [
-        (bearings.time, EYES.index(bearings.eye), pixel)
+        (bearings.time, EYES.index(bearings.camera), pixel)
         for bearings in gathered.bearings
-        if bearings.pixels is not None and bearings.eye in EYES
+        if bearings.pixels is not None and bearings.camera in EYES
         for pixel in bearings.pixels
     ]
     if not parts:

@@ -34,15 +34,15 @@ class Picture:
 class CameraDriver:
     """`run` it in a thread of its own.
 
-    name: what Health calls it. eye: its source, size and rate. delay_s: from the exposure to the
+    name: what Health calls it. camera: its source, size and rate. delay_s: from the exposure to the
     time stamp of a camera, or to the arrival where there is no stamp. clock: host time in s.
     """
 
     def __init__(
-        self, name: str, eye: Camera, delay_s: float, clock: Callable[[], float] = time.monotonic
+        self, name: str, camera: Camera, delay_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._name = name
-        self._eye = eye
+        self._camera = camera
         self._delay_s = delay_s
         self._clock = clock
         self._controls = Controls()
@@ -60,14 +60,14 @@ class CameraDriver:
         Failures of the source are told as Health and tried again; it raises only what is the
         program's own fault. Without a source ("none") it returns at once.
         """
-        if self._eye.source == "none":
+        if self._camera.source == "none":
             return
         self._emit, self._stop = emit, stop
         keep_connected(self._serve, self._report_failure, stop)
 
     def _serve(self) -> None:
         """One connection: from opening the source to its loss or to the end."""
-        source = open_source(self._eye, self._controls, self._clock)
+        source = open_source(self._camera, self._controls, self._clock)
         try:
             self._counts["connections"] += 1
             self._watch(source)
@@ -78,7 +78,7 @@ class CameraDriver:
 
     def _watch(self, source: FrameSource) -> None:
         """Hand out pictures and judge them, until `stop` is set. Raises UserError."""
-        window = max(_HEALTH_PERIOD_S, 3.0 / self._eye.rate_hz)
+        window = max(_HEALTH_PERIOD_S, 3.0 / self._camera.rate_hz)
         checked, before, torn = self._clock(), self._counts.copy(), 0
         while not self._stop.is_set():
             frame = source.read(self._stop)
@@ -94,7 +94,7 @@ class CameraDriver:
 
     def _hand_out(self, frame: Frame, live: bool) -> None:
         size = size_of(frame.jpeg)
-        self._wrong = None if size == (self._eye.width_px, self._eye.height_px) else size
+        self._wrong = None if size == (self._camera.width_px, self._camera.height_px) else size
         if self._wrong:
             self._counts["wrong_size"] += 1
             return
@@ -107,11 +107,11 @@ class CameraDriver:
         self, source: FrameSource, news: "Counter[str]", torn: int, seconds: float
     ) -> tuple[bool, str]:
         """How the last `seconds` were, and in words. news, torn: what was counted in them."""
-        pictures, eye = news["pictures"], self._eye
+        pictures, camera = news["pictures"], self._camera
         if self._wrong:
             return False, (
                 "its pictures are {}x{}, ".format(*self._wrong)
-                + f"but robot.toml says {eye.width_px}x{eye.height_px}\n"
+                + f"but robot.toml says {camera.width_px}x{camera.height_px}\n"
                 "set width_px and height_px to what comes, and the lens for that size"
             )
         if not pictures:
@@ -143,13 +143,13 @@ def _dropped(source: FrameSource) -> dict[str, int]:
     return {name: count for name, count in source.counts.items() if name != "pictures"}
 
 
-def open_source(eye: Camera, controls: Controls, clock: Callable[[], float]) -> FrameSource:
-    """Open what `eye.source` names, found out by looking at it. Raises UserError."""
-    path = eye.source
+def open_source(camera: Camera, controls: Controls, clock: Callable[[], float]) -> FrameSource:
+    """Open what `camera.source` names, found out by looking at it. Raises UserError."""
+    path = camera.source
     try:
         mode = os.stat(path).st_mode
         if is_video_device(path):
-            return UsbCamera(eye, controls, clock)
+            return UsbCamera(camera, controls, clock)
     except FileNotFoundError as error:
         if path.startswith("/dev/"):
             raise absent(path) from error
@@ -161,7 +161,7 @@ def open_source(eye: Camera, controls: Controls, clock: Callable[[], float]) -> 
     if stat.S_ISFIFO(mode):
         return Pipe(path, clock)
     if stat.S_ISREG(mode):
-        return RecordedFile(path, eye.rate_hz, clock)
+        return RecordedFile(path, camera.rate_hz, clock)
     raise UserError(
         f"{path} gives no pictures",
         "it is neither a camera nor a pipe nor a file",

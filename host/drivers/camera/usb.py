@@ -75,13 +75,13 @@ class Capture:
 
 
 class UsbCamera:
-    """One camera, opened. eye: source, size and rate wanted. controls: outlive replugging."""
+    """One camera, opened. camera: source, size and rate wanted. controls: outlive replugging."""
 
     live = True
 
-    def __init__(self, eye: Camera, controls: Controls, clock: Callable[[], float]) -> None:
-        """Raises UserError where the camera cannot be used as `eye` wants it."""
-        self._eye = eye
+    def __init__(self, camera: Camera, controls: Controls, clock: Callable[[], float]) -> None:
+        """Raises UserError where the camera gives no pictures of that size."""
+        self._camera = camera
         self._clock = clock
         self._controls = controls
         self._remarks: list[str] = []
@@ -90,34 +90,34 @@ class UsbCamera:
         self._superseded = self._bad_stamps = 0
         self._stamp = 0.0
         self._stamps_true = True
-        self._capture = Capture(eye.source)
+        self._capture = Capture(camera.source)
         self._opened_at = clock()
         self._set_up()
 
     def _set_up(self) -> None:
         """Ask for JPEG pictures of the right size, undecoded."""
-        capture, eye = self._capture, self._eye
+        capture, camera = self._capture, self._camera
         if not capture.opened:
             raise self._fail()
         capture.set(cv2.CAP_PROP_FOURCC, MJPG)
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, eye.width_px)
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, eye.height_px)
-        capture.set(cv2.CAP_PROP_FPS, eye.rate_hz)
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, camera.width_px)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px)
+        capture.set(cv2.CAP_PROP_FPS, camera.rate_hz)
         capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         if int(capture.get(cv2.CAP_PROP_FOURCC)) != MJPG:
             raise self._fail()
         width = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         height = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if (width, height) != (eye.width_px, eye.height_px):
+        if (width, height) != (camera.width_px, camera.height_px):
             capture.close()
-            raise wrong_size(eye.source, width, height, eye.width_px, eye.height_px)
+            raise wrong_size(camera.source, width, height, camera.width_px, camera.height_px)
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        self._period = 1.0 / (rate_hz if rate_hz > 0.0 else eye.rate_hz)
+        self._period = 1.0 / (rate_hz if rate_hz > 0.0 else camera.rate_hz)
 
     def _fail(self) -> UserError:
         """Close the camera and find out what is wrong with it."""
         self._capture.close()
-        return why_no_pictures(self._eye.source, self._eye.width_px, self._eye.height_px)
+        return why_no_pictures(self._camera.source, self._camera.width_px, self._camera.height_px)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -171,7 +171,7 @@ class UsbCamera:
     def why_silent(self) -> UserError:
         """What comes is no pictures."""
         return UserError(
-            f"{self._eye.source} gives no whole pictures",
+            f"{self._camera.source} gives no whole pictures",
             "its bytes come, but damaged: the cable is poor, or the hub too weak",
             "use a short cable, or a hub with a supply of its own",
         )

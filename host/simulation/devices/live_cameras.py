@@ -56,7 +56,7 @@ class LiveCameras:
     """Front and rear camera, each a thread that sends its pictures when they would arrive.
 
     surroundings(time): what is around the robot at `time`, s since the start. folder: where the
-    pipes are made. told: the cameras as the host knows them, which with the pipes for sources is
+    pipes are made. known: the cameras as the host knows them, which with the pipes for sources is
     `camera`; true: as they are.
     """
 
@@ -64,7 +64,7 @@ class LiveCameras:
         self,
         folder: Path,
         scenario: Scenario,
-        told: Cameras,
+        known: Cameras,
         true: Cameras,
         surroundings: Callable[[float], Surroundings],
         clock: Callable[[], float],
@@ -77,15 +77,17 @@ class LiveCameras:
         self._true = true
         self._pipes = {name: PictureFeed(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
         changes = {
-            name: eye.model_copy(
+            name: camera.model_copy(
                 update={"source": str(self._pipes[name].path), "rate_hz": scenario.camera_hz}
             )
-            for name, eye in ((FRONT, told.front), (REAR, told.rear))
+            for name, camera in ((FRONT, known.front), (REAR, known.rear))
         }
-        self.camera = told.model_copy(update=changes)
+        self.camera = known.model_copy(update=changes)
         self._threads = [
-            threading.Thread(target=self._run, args=(name, eye), name=f"{name} eye", daemon=True)
-            for name, eye in ((FRONT, true.front), (REAR, true.rear))
+            threading.Thread(
+                target=self._run, args=(name, camera), name=f"{name} camera", daemon=True
+            )
+            for name, camera in ((FRONT, true.front), (REAR, true.rear))
         ]
 
     def start(self, start: float) -> None:
@@ -102,9 +104,9 @@ class LiveCameras:
         for pipe in self._pipes.values():
             pipe.close()
 
-    def _run(self, name: str, eye: Camera) -> None:
+    def _run(self, name: str, camera: Camera) -> None:
         pipe = self._pipes[name]
-        renderer = Renderer(self._true, eye, seed=self._scenario.seed)
+        renderer = Renderer(self._true, camera, seed=self._scenario.seed)
         period, delay = 1.0 / self._scenario.camera_hz, self._scenario.camera_delay_s
         number = -1
         while not self._stop.is_set():

@@ -34,11 +34,13 @@ class Painter:
 
     def __init__(self, view: View) -> None:
         self._view = view
-        eye = view.lens.eye
-        self._size = (eye.width_px, eye.height_px)
-        corners = np.array([[x, y] for x in (0, eye.width_px - 1) for y in (0, eye.height_px - 1)])
+        camera = view.lens.camera
+        self._size = (camera.width_px, camera.height_px)
+        corners = np.array(
+            [[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)]
+        )
         angles = view.lens.angle(
-            np.hypot(*(corners - (eye.centre_x_px, eye.centre_y_px)).T.astype(float))
+            np.hypot(*(corners - (camera.centre_x_px, camera.centre_y_px)).T.astype(float))
         )
         self._edge_rad = float(np.max(np.where(np.isnan(angles), view.lens.limit_rad, angles)))
 

@@ -69,11 +69,11 @@ def _sheet(
     return corners
 
 
-def in_band(offsets: FloatArray, camera: Cameras, eye_height_m: float) -> bool:
+def in_band(offsets: FloatArray, cameras: Cameras, camera_height_m: float) -> bool:
     """Does anything at `offsets` (k, 3) m from the camera come where strips in reach appear?"""
-    strip = camera.strip
-    ends = strip.height_m - eye_height_m + 0.5 * strip.tall_m * np.array([-1.0, 1.0])
-    limits = np.arctan2(ends[:, None], np.array([_NEAREST_M, camera.max_range_m]))
+    strip = cameras.strip
+    ends = strip.height_m - camera_height_m + 0.5 * strip.tall_m * np.array([-1.0, 1.0])
+    limits = np.arctan2(ends[:, None], np.array([_NEAREST_M, cameras.max_range_m]))
     elevations = np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
     above: bool = elevations.min() > limits.max() + _MARGIN_RAD
     below: bool = elevations.max() < limits.min() - _MARGIN_RAD

@@ -67,10 +67,10 @@ class Renderer:
     """
 
     def __init__(
-        self, camera: Cameras, eye: Camera, look: Look | None = None, seed: int = 0
+        self, cameras: Cameras, camera: Camera, look: Look | None = None, seed: int = 0
     ) -> None:
-        self.view = View(eye)
-        self._camera = camera
+        self.view = View(camera)
+        self._cameras = cameras
         self._look = look or Look()
         self._seed = seed
         self._painter = Painter(self.view)
@@ -111,23 +111,23 @@ class Renderer:
 
     def _sprites(self, scene: Surroundings, turn_rad: float) -> Iterator[Sprite]:
         """Everything in the room that has edges, the farthest first."""
-        eye = self.view.origin
+        viewpoint = self.view.origin
         lamp = _LAMP_RAD - float(scene.pose[2])
-        strip = self._camera.strip
+        strip = self._cameras.strip
         for patch in self._patches:
             face = patch.face(scene.pose)
-            if patch.in_band or not in_band(face.corners - eye, self._camera, eye[2]):
+            if patch.in_band or not in_band(face.corners - viewpoint, self._cameras, viewpoint[2]):
                 sprite = self._painter.sprite([face], face.corners.mean(axis=0), turn_rad)
                 if sprite is not None:
                     yield sprite
         things = np.concatenate((scene.teammates, scene.posts))
-        distances = np.hypot(*(things - eye[:2]).T)
+        distances = np.hypot(*(things - viewpoint[:2]).T)
         for k in np.argsort(-distances):
             if k < len(scene.teammates):
-                faces = robot_faces(strip, things[k], eye, lamp)
+                faces = robot_faces(strip, things[k], viewpoint, lamp)
                 middle = np.append(things[k], strip.height_m)
             else:
-                faces = POST.faces(things[k], eye, lamp)
+                faces = POST.faces(things[k], viewpoint, lamp)
                 middle = np.append(things[k], 0.5 * POST_TOP_M)
             sprite = self._painter.sprite(faces, middle, turn_rad)
             if sprite is not None:
@@ -142,8 +142,8 @@ class Renderer:
 
     def _make_noise(self) -> Image:
         """Sensor noise above its least; pictures take it at random places."""
-        eye = self.view.lens.eye
-        shape = (eye.height_px + _NOISE_MARGIN_PX, eye.width_px + _NOISE_MARGIN_PX, 3)
+        camera = self.view.lens.camera
+        shape = (camera.height_px + _NOISE_MARGIN_PX, camera.width_px + _NOISE_MARGIN_PX, 3)
         random = np.random.default_rng([self._seed, 0])
         noise = self._look.noise * (random.standard_normal(shape, dtype=np.float32) + _PEDESTAL)
         return np.asarray(np.rint(np.clip(noise, 0, 255)), dtype=np.uint8)
@@ -163,8 +163,8 @@ def encode(picture: Image, quality: int) -> bytes:
 def frames(
     count: int,
     seed: int,
-    camera: Cameras | None = None,
-    eye: Camera | None = None,
+    cameras: Cameras | None = None,
+    camera: Camera | None = None,
     look: Look | None = None,
     teammates: int = 3,
     posts: int = 2,
@@ -174,26 +174,26 @@ def frames(
     """Yield `count` pictures (JPEG) of random scenes and what is truly visible in each.
 
     The teammates stand at `ranges_m` from the camera, anywhere within 100 deg of its heading. The
-    robot turns by up to `turn_rate_radps`. eye: the front one of `camera` where not given.
+    robot turns by up to `turn_rate_radps`. camera: the front one of `cameras` where not given.
     """
-    camera = camera or Cameras()
-    eye = eye or camera.front
-    renderer = Renderer(camera, eye, look, seed)
+    cameras = cameras or Cameras()
+    camera = camera or cameras.front
+    renderer = Renderer(cameras, camera, look, seed)
     random = np.random.default_rng([seed, count, 1])
     half_side = ranges_m[1] + 0.6
     for number in range(count):
         pose = np.append(random.uniform(-0.2, 0.2, 2), random.uniform(-math.pi, math.pi))
-        things = _scatter(teammates, posts, eye, ranges_m, random)
+        things = _scatter(teammates, posts, camera, ranges_m, random)
         turn_rate = random.uniform(-turn_rate_radps, turn_rate_radps)
         scene = Surroundings(things[:teammates], things[teammates:], pose, half_side, turn_rate)
         jpeg = renderer.render(scene, number)
-        yield jpeg, visible(renderer.view, camera.strip, scene.teammates, scene.posts)
+        yield jpeg, visible(renderer.view, cameras.strip, scene.teammates, scene.posts)
 
 
 def _scatter(
     teammates: int,
     posts: int,
-    eye: Camera,
+    camera: Camera,
     ranges_m: tuple[float, float],
     random: np.random.Generator,
 ) -> FloatArray:
@@ -202,8 +202,11 @@ def _scatter(
     own = np.zeros((1, 2))
     while len(places) < teammates + posts:
         distance = random.uniform(*ranges_m)
-        bearing = eye.heading_rad + random.uniform(-1.0, 1.0) * _FRAME_SPREAD_RAD
-        place = np.array([[math.cos(bearing), math.sin(bearing)]]) * distance + (eye.x_m, eye.y_m)
+        bearing = camera.heading_rad + random.uniform(-1.0, 1.0) * _FRAME_SPREAD_RAD
+        place = np.array([[math.cos(bearing), math.sin(bearing)]]) * distance + (
+            camera.x_m,
+            camera.y_m,
+        )
         others = np.concatenate((own, places))
         if np.all(np.hypot(*(others - place).T) > 2.0 * BODY_RADIUS_M):
             places = np.concatenate((places, place))

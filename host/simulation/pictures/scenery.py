@@ -34,10 +34,10 @@ class Scenery:
     def __init__(self, view: View, half_side_m: float, random: np.random.Generator) -> None:
         self._half_side_m = half_side_m
         self._origin = view.origin
-        eye = view.lens.eye
-        self._size = (eye.width_px, eye.height_px)
-        rows = np.arange(math.ceil(eye.height_px / COARSE))
-        columns = np.arange(math.ceil(eye.width_px / COARSE))
+        camera = view.lens.camera
+        self._size = (camera.width_px, camera.height_px)
+        rows = np.arange(math.ceil(camera.height_px / COARSE))
+        columns = np.arange(math.ceil(camera.width_px / COARSE))
         self._shape = (len(rows), len(columns))
         x, y = np.meshgrid(columns, rows)
         corners = COARSE * np.stack((x.ravel(), y.ravel()), axis=1)
@@ -78,13 +78,13 @@ class Scenery:
 
     def _at(self, pose: FloatArray) -> Image:
         bearings = (np.arange(_BEARINGS) * (math.tau / _BEARINGS) - math.pi) + pose[2]
-        (eye,) = to_parent(self._origin[None, :2], pose)
+        (start,) = to_parent(self._origin[None, :2], pose)
         directions = np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
-        starts = np.broadcast_to(eye, directions.shape)
+        starts = np.broadcast_to(start, directions.shape)
         walls = meet_walls(Beams(starts, starts, directions), self._half_side_m)
         to_wall = walls.distances.astype(np.float32)[self._bearing]
         turn = rotation(pose[2]).astype(np.float32)
-        row, column = self._texture.on_floor(self._floor @ turn.T + eye.astype(np.float32))
+        row, column = self._texture.on_floor(self._floor @ turn.T + start.astype(np.float32))
         wall = np.flatnonzero(to_wall <= self._to_floor)
         height = np.float32(self._origin[2]) + to_wall[wall] * self._slope[wall]
         along = walls.places.astype(np.float32)[self._bearing[wall]]

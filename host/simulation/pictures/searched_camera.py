@@ -19,17 +19,17 @@ _SLACK_RAD = math.radians(2.0)
 class SearchedCamera:
     """What the search finds in the pictures of one camera, and whom it found, by the truth.
 
-    told: the cameras as the search knows them; true: as they are.
+    known: the cameras as the search knows them; true: as they are.
     """
 
     def __init__(
-        self, name: Literal["front", "rear"], told: Cameras, true: Cameras, seed: int
+        self, name: Literal["front", "rear"], known: Cameras, true: Cameras, seed: int
     ) -> None:
         self._strip = true.strip
-        told_eye: Camera = getattr(told, name)
-        true_eye: Camera = getattr(true, name)
-        self._renderer = Renderer(true, true_eye, seed=seed)
-        self._finder = StripFinder(told, told_eye, name=name)
+        known_camera: Camera = getattr(known, name)
+        true_camera: Camera = getattr(true, name)
+        self._renderer = Renderer(true, true_camera, seed=seed)
+        self._finder = StripFinder(known, known_camera, name=name)
 
     def bearings(
         self, scene: Surroundings, identities: IntArray, time: float, number: int

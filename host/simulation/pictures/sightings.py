@@ -54,10 +54,10 @@ def _share(
     return float(np.mean(seen))
 
 
-def near_side(coat: Cylinder, place: FloatArray, eye: FloatArray) -> FloatArray:
-    """Points (k, 3) on the half of a coat that `eye` sees, about evenly as it sees them."""
+def near_side(coat: Cylinder, place: FloatArray, viewpoint: FloatArray) -> FloatArray:
+    """Points (k, 3) on the half of a coat that `viewpoint` sees, about evenly as it sees them."""
     across = (np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0
-    angles = coat.arc(place, eye, np.arcsin(across) / (0.5 * np.pi))
+    angles = coat.arc(place, viewpoint, np.arcsin(across) / (0.5 * np.pi))
     up = (np.arange(_UP) + 0.5) / _UP
     heights = coat.bottom_m + up * (coat.top_m - coat.bottom_m)
     return coat.rims(place, angles, heights).reshape(-1, 3)
@@ -65,8 +65,8 @@ def near_side(coat: Cylinder, place: FloatArray, eye: FloatArray) -> FloatArray:
 
 def inside_picture(view: View, points: FloatArray) -> BoolArray:
     """Which points (n, 3) the picture has a pixel for."""
-    eye = view.lens.eye
+    camera = view.lens.camera
     x, y = view.pixels_of(points).T  # nan compares false
-    across: BoolArray = (x >= -0.5) & (x < eye.width_px - 0.5)
-    down: BoolArray = (y >= -0.5) & (y < eye.height_px - 0.5)
+    across: BoolArray = (x >= -0.5) & (x < camera.width_px - 0.5)
+    down: BoolArray = (y >= -0.5) & (y < camera.height_px - 0.5)
     return across & down

@@ -48,13 +48,13 @@ class Cylinder:
     colour: Colour
     lid: Colour
 
-    def arc(self, axis: FloatArray, eye: FloatArray, places: FloatArray) -> FloatArray:
-        """Angles (k,) rad about the axis (2,) of places on the coat that `eye` (3,) sees.
+    def arc(self, axis: FloatArray, viewpoint: FloatArray, places: FloatArray) -> FloatArray:
+        """Angles (k,) rad about the axis (2,) of places on the coat that `viewpoint` (3,) sees.
 
-        places (k,): -1 is the left rim as seen from the eye, 0 what faces it, 1 the right rim.
-        Empty where the eye is inside.
+        places (k,): -1 is the left rim as seen from there, 0 what faces it, 1 the right rim.
+        Empty where the viewpoint is inside.
         """
-        x, y = eye[:2] - axis
+        x, y = viewpoint[:2] - axis
         distance = math.hypot(x, y)
         if distance <= self.radius_m:
             return np.zeros(0)
@@ -69,20 +69,20 @@ class Cylinder:
         points[..., 2] = heights
         return points
 
-    def faces(self, axis: FloatArray, eye: FloatArray, light_rad: float) -> list[Face]:
-        """Return what `eye` sees of the cylinder: its lid from above, and facets of its coat.
+    def faces(self, axis: FloatArray, viewpoint: FloatArray, light_rad: float) -> list[Face]:
+        """Return what `viewpoint` sees of the cylinder: its lid from above, and facets of its coat.
 
         light_rad: the direction, in the robot frame, from which the lamp shines.
         """
         faces: list[Face] = []
         count = 2 * _FACETS if self.radius_m > _WIDE_M else _FACETS
-        if eye[2] > self.top_m:
+        if viewpoint[2] > self.top_m:
             around = np.linspace(0.0, 2.0 * math.pi, 4 * count, endpoint=False)
             faces.append(Face(self.rims(axis, around, np.array([self.top_m]))[:, 0], self.lid))
-        angles = self.arc(axis, eye, np.linspace(-1.0, 1.0, count + 1))
+        angles = self.arc(axis, viewpoint, np.linspace(-1.0, 1.0, count + 1))
         if not len(angles):
             return faces
-        heights = np.linspace(self.top_m, self.bottom_m, 1 + self._pieces(axis, eye))
+        heights = np.linspace(self.top_m, self.bottom_m, 1 + self._pieces(axis, viewpoint))
         rims = self.rims(axis, angles, heights)
         corners = np.concatenate((rims[:-1], rims[1:, ::-1]), axis=1)
         toward = np.cos(0.5 * (angles[:-1] + angles[1:]) - light_rad)
@@ -92,22 +92,22 @@ class Cylinder:
             for facet, shade in zip(corners, shades, strict=True)
         ]
 
-    def _pieces(self, axis: FloatArray, eye: FloatArray) -> int:
+    def _pieces(self, axis: FloatArray, viewpoint: FloatArray) -> int:
         """How many straight pieces an upright line needs where a fisheye bends it."""
-        distance = math.hypot(*(eye[:2] - axis))
+        distance = math.hypot(*(viewpoint[:2] - axis))
         return min(1 + int((self.top_m - self.bottom_m) / distance / _STRAIGHT_RAD), 20)
 
-    def between(self, axis: FloatArray, eye: FloatArray, points: FloatArray) -> BoolArray:
-        """Which `points` (k, 3) the cylinder hides from `eye` (3,)."""
-        start = eye[:2] - axis
-        way = points - eye
+    def between(self, axis: FloatArray, viewpoint: FloatArray, points: FloatArray) -> BoolArray:
+        """Which `points` (k, 3) the cylinder hides from `viewpoint` (3,)."""
+        start = viewpoint[:2] - axis
+        way = points - viewpoint
         square = np.einsum("ki,ki->k", way[:, :2], way[:, :2])
         half = way[:, :2] @ start
         rest = half**2 - square * (start @ start - self.radius_m**2)
         root = np.sqrt(np.maximum(rest, 0.0))
         enters = np.maximum((-half - root) / square, 0.0)
         leaves = np.minimum((-half + root) / square, 1.0)
-        heights = eye[2] + np.stack((enters, leaves)) * way[:, 2]
+        heights = viewpoint[2] + np.stack((enters, leaves)) * way[:, 2]
         hides: BoolArray = (
             (rest > 0.0)
             & (enters < leaves)
@@ -141,15 +141,15 @@ POST = Cylinder(TURRET_RADIUS_M, 0.0, POST_TOP_M, _WOOD, _WOOD)
 
 
 def robot_faces(
-    strip: Strip, position: FloatArray, eye: FloatArray, light_rad: float
+    strip: Strip, position: FloatArray, viewpoint: FloatArray, light_rad: float
 ) -> list[Face]:
     """Return a teammate at `position` (2,), in the order in which to paint it."""
-    # Of two parts, one on the other, the one nearer to the eye's height covers the other.
+    # Of two parts, one on the other, the one nearer to the viewpoint's height covers the other.
     parts = sorted(
         (*robot_of(strip), strip_of(strip)),
-        key=lambda part: -max(part.bottom_m - eye[2], eye[2] - part.top_m, 0.0),
+        key=lambda part: -max(part.bottom_m - viewpoint[2], viewpoint[2] - part.top_m, 0.0),
     )
-    return [face for part in parts for face in part.faces(position, eye, light_rad)]
+    return [face for part in parts for face in part.faces(position, viewpoint, light_rad)]
 
 
 def own_faces() -> list[Face]:

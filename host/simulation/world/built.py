@@ -61,7 +61,7 @@ def _misbuilt(config: RobotConfig, share: float) -> RobotConfig:
     )
 
 
-def _turned(eye: Camera, by_rad: float) -> Camera:
+def _turned(camera: Camera, by_rad: float) -> Camera:
     """A camera turned to the left and tilted down by an angle."""
-    heading = math.remainder(eye.heading_rad + by_rad, math.tau)
-    return eye.model_copy(update={"heading_rad": heading, "tilt_rad": eye.tilt_rad + by_rad})
+    heading = math.remainder(camera.heading_rad + by_rad, math.tau)
+    return camera.model_copy(update={"heading_rad": heading, "tilt_rad": camera.tilt_rad + by_rad})

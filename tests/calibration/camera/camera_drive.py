@@ -140,7 +140,7 @@ def _bearings(camera: Cameras, eye: str, time: float, pixel: FloatArray) -> Bear
     configured: Camera = getattr(camera, eye)
     across = (configured.centre_x_px - pixel[0]) / configured.focal_px
     bearing = np.array([configured.heading_rad + across])  # as rough as it may be
-    return Bearings(time, bearing, np.array([1e-3]), eye=eye, pixels=pixel[None])
+    return Bearings(time, bearing, np.array([1e-3]), camera=eye, pixels=pixel[None])
 
 
 def _add_lidar(gathered: Gathered, drive: Drive, noise_m: float, rng: np.random.Generator) -> None:

@@ -154,7 +154,7 @@ def test_the_start_may_be_far_off_and_the_lens_of_another_model() -> None:
 
 def test_advice_names_what_is_missing_until_nothing_is() -> None:
     gathered = Gathered(RobotConfig())
-    gathered.take(Bearings(1.0, np.zeros(0), np.zeros(0), eye="rear", pixels=np.zeros((0, 2))))
+    gathered.take(Bearings(1.0, np.zeros(0), np.zeros(0), camera="rear", pixels=np.zeros((0, 2))))
     words = "\n".join(advice(gathered))
     assert "drive on: 0 strips were seen so far, 200 are needed" in words
     assert "rear camera has no views beyond" in words
@@ -173,7 +173,7 @@ def test_what_cannot_be_fitted_at_all_is_told() -> None:
     with pytest.raises(UserError, match="there are no strips in pictures"):
         calibrate(gathered)
     elsewhere = np.array([[30.0, 1000.0]])
-    gathered.take(Bearings(0.0, np.zeros(1), np.ones(1), eye="front", pixels=elsewhere))
+    gathered.take(Bearings(0.0, np.zeros(1), np.ones(1), camera="front", pixels=elsewhere))
     with pytest.raises(UserError, match="the cameras cannot be fitted"):
         calibrate(gathered)
 

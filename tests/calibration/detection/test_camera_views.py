@@ -90,7 +90,7 @@ def eyes(noise_deg: float, pixels_deg: float, off_deg: float = 0.0) -> Gathered:
                     np.full(len(bearing), known),
                     origin=origin,
                     view=(centre, math.radians(100.0)),
-                    eye=eye,
+                    camera=eye,
                 )
             )
     return gathered

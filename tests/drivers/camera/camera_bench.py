@@ -30,11 +30,11 @@ class Bench:
         self._thread: threading.Thread | None = None
 
     def run(self, source: object, delay_s: float = 0.0, **settings: object) -> None:
-        eye = Camera(
+        camera = Camera(
             source=str(source),
             **{"width_px": WIDTH, "height_px": HEIGHT, "rate_hz": 200.0, **settings},  # type: ignore[arg-type]
         )
-        driver = CameraDriver("front camera", eye, delay_s)
+        driver = CameraDriver("front camera", camera, delay_s)
         self._thread = threading.Thread(target=self._drive, args=(driver,))
         self._thread.start()
 

@@ -234,8 +234,8 @@ def test_only_the_newest_of_waiting_pictures_is_taken(
     hours = Hours()
     usb.now, usb.sleep = hours.now, hours.sleep
     usb.stamp_offset = offset
-    eye = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0)
-    source = camera_v4l2.UsbCamera(eye, Controls(), hours.now)
+    camera = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0)
+    source = camera_v4l2.UsbCamera(camera, Controls(), hours.now)
     usb.waiting = 3
     stop = threading.Event()
     frames = [source.read(stop) for _ in range(3)]

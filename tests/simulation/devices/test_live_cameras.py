@@ -23,7 +23,7 @@ from host.simulation.world.scenarios import Scenario, parse
 
 LONG_S = 20.0  # a bound on waiting, not on speed
 SMALL = Camera(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
-CAMERA = Cameras(
+CAMERAS = Cameras(
     front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": round(math.pi, 4)})
 )
 
@@ -44,7 +44,7 @@ def passing(when: float) -> Surroundings:
 @pytest.fixture
 def streams(tmp_path: Path) -> Iterator[LiveCameras]:
     scenario = Scenario(name="test", camera_hz=10.0, camera_delay_s=0.2)
-    cameras = LiveCameras(tmp_path, scenario, CAMERA, CAMERA, passing, time.monotonic)
+    cameras = LiveCameras(tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic)
     cameras.start(time.monotonic())
     yield cameras
     cameras.stop()
@@ -88,10 +88,10 @@ def test_a_pipe_sends_more_than_it_holds_to_a_slow_reader_and_gives_up_at_the_en
 
 
 def test_the_configuration_reads_the_streams(streams: LiveCameras) -> None:
-    for eye, old in ((streams.camera.front, CAMERA.front), (streams.camera.rear, CAMERA.rear)):
-        assert Path(eye.source).is_fifo()
-        assert eye.rate_hz == 10.0
-        assert eye.model_copy(update={"source": "none", "rate_hz": 30.0}) == old
+    for camera, old in ((streams.camera.front, CAMERAS.front), (streams.camera.rear, CAMERAS.rear)):
+        assert Path(camera.source).is_fifo()
+        assert camera.rate_hz == 10.0
+        assert camera.model_copy(update={"source": "none", "rate_hz": 30.0}) == old
     assert streams.camera.front.source != streams.camera.rear.source
 
 
@@ -99,11 +99,11 @@ def test_pictures_come_no_earlier_than_they_would_and_show_when_they_were_taken(
     tmp_path: Path,
 ) -> None:
     scenario = Scenario(name="test", camera_hz=10.0, camera_delay_s=0.2)
-    cameras = LiveCameras(tmp_path, scenario, CAMERA, CAMERA, passing, time.monotonic)
+    cameras = LiveCameras(tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic)
     start = time.monotonic()
     cameras.start(start)
     reader = os.open(cameras.camera.front.source, os.O_RDONLY)
-    finder = StripFinder(CAMERA, SMALL)
+    finder = StripFinder(CAMERAS, SMALL)
     taken = []
     for jpeg, _ in zip(pictures(reader), range(6), strict=False):
         arrived = time.monotonic() - start
@@ -130,15 +130,15 @@ def test_a_reader_that_comes_back_gets_whole_pictures_again(streams: LiveCameras
 
 
 def test_a_running_simulation_is_seen_by_the_real_driver_and_the_search() -> None:
-    config = RobotConfig(camera=CAMERA)
+    config = RobotConfig(camera=CAMERAS)
     scenario = parse("arena4:seed=3,rendered=1,camera_hz=5")
     found: dict[str, list[tuple[float, float]]] = {"front": [], "rear": []}
     enough = threading.Event()
     with LiveSimulation(scenario, config) as live:
-        camera = live.config.camera
+        cameras = live.config.camera
 
-        def watch(name: str, eye: Camera) -> None:
-            finder = StripFinder(camera, eye)
+        def watch(name: str, camera: Camera) -> None:
+            finder = StripFinder(cameras, camera)
 
             def take(message: Picture | Health) -> None:
                 if isinstance(message, Health):
@@ -155,12 +155,12 @@ def test_a_running_simulation_is_seen_by_the_real_driver_and_the_search() -> Non
                 if all(len(each) >= 6 for each in found.values()):
                     enough.set()
 
-            CameraDriver(name, eye, camera.delay_s).run(take, stop)
+            CameraDriver(name, camera, cameras.delay_s).run(take, stop)
 
         stop = threading.Event()
         threads = [
-            threading.Thread(target=watch, args=("front", camera.front)),
-            threading.Thread(target=watch, args=("rear", camera.rear)),
+            threading.Thread(target=watch, args=("front", cameras.front)),
+            threading.Thread(target=watch, args=("rear", cameras.rear)),
         ]
         for thread in threads:
             thread.start()
