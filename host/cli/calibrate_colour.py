@@ -10,12 +10,13 @@ import numpy as np
 
 from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
-from host.cli.options import json_option, robot, robot_option, write_json
+from host.cli.options import json_option, robot_option, write_json
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.perception.jpeg_decoder import Image, UnusableError, fastest_decoder, read_header
 from host.perception.red_strip import Blob, StripFinder
 from host.perception.strip_geometry import StripGeometry
+from host.sessions.robot import robot_configuration
 
 _LEARNT = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")
 
@@ -80,7 +81,7 @@ def colour(
             f"{len(boxes)} for {len(images)} picture(s): give one each, or none.",
             param_hint="--box",
         )
-    cameras = robot(robot_path).camera
+    cameras = robot_configuration(robot_path).camera
     camera: Camera = getattr(cameras, camera_name)
     jpegs = [strip_colour.read_picture(path) for path in images]
     pixels = _strip_pixels(images, jpegs, boxes, cameras, camera, camera_name)

@@ -16,6 +16,7 @@ from host.calibration.result import Calibration
 from host.cli import gathering, options
 from host.errors import UserError
 from host.recording.log import SUFFIX
+from host.sessions.gathering import Advice
 
 _UNMOUNTED = (
     "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "
@@ -102,7 +103,7 @@ class Fitting:
     def gather(
         self,
         source: str | None,
-        advice: gathering.Advice,
+        advice: Advice,
         *,
         mounted: bool = True,
         lidar_serves: bool = False,

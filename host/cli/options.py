@@ -1,15 +1,15 @@
-"""What the commands share: options, the robot's configuration, figures as text and JSON."""
+"""What the commands share: options, progress bars, figures as text and JSON."""
 
+import contextlib
 import json
+import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from host import config
-from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator.profiles import PROFILES
 
@@ -43,18 +43,6 @@ json_option = click.option(
 )
 
 
-def robot(path: Path | None, filter_name: str | None = None) -> RobotConfig:
-    """The configuration in `path`, or the default one; with another filter where one is named."""
-    loaded = RobotConfig() if path is None else config.load(path)
-    return loaded if filter_name is None else with_filter(loaded, filter_name)
-
-
-def with_filter(robot: RobotConfig, filter_name: str) -> RobotConfig:
-    """The configuration with another filter profile."""
-    chosen = robot.filter.model_copy(update={"profile": filter_name})
-    return robot.model_copy(update={"filter": chosen})
-
-
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
     """The parts of a comma-separated option. Raises a usage error for one that is not known."""
     parts = [part.strip() for part in text.split(",")]
@@ -64,6 +52,30 @@ def several(text: str, known: Sequence[str], option: str) -> list[str]:
                 f"{part!r} is not one of {', '.join(known)}.", param_hint=option
             )
     return list(dict.fromkeys(parts))
+
+
+@contextlib.contextmanager
+def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], None]]:
+    """Gives what moves a bar on standard error: (time reached, whole duration), both in s.
+
+    The bar appears with the first call.
+    """
+    with contextlib.ExitStack() as stack:
+        bar: Any = None
+        shown = 0.0
+
+        def move(time: float, seconds: float) -> None:
+            nonlocal bar, shown
+            if bar is None:
+                length = max(1, round(10.0 * seconds))
+                bar = stack.enter_context(
+                    click.progressbar(length=length, label=label, file=sys.stderr)
+                )
+            if time >= shown + 1.0:
+                bar.update(round(10.0 * (time - shown)))
+                shown = time
+
+        yield move
 
 
 def write_json(path: Path | None, content: object) -> None:

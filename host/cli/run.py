@@ -4,8 +4,6 @@ import contextlib
 import math
 import re
 import sys
-import time
-from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,19 +13,14 @@ import click
 from host.cli import options
 from host.cli.console import FRAME_S, Console, State
 from host.cli.signals import signals_caught
-from host.cli.tally import Tally, summary, timing
+from host.cli.summary import summary
 from host.errors import UserError
-from host.estimator import profiles
-from host.evaluation.runner import Timed
-from host.localizer import Localizer
-from host.pipeline import Pipeline, Sink
-from host.recording.log import Recorder, RecordingHeader
+from host.sessions.robot import robot_configuration
+from host.sessions.running import RunOutcome, run_devices
 from host.simulation.live import Interval
 from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
-
-_TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 
 
 def _intervals(
@@ -101,7 +94,7 @@ def run(
     """Show where the teammates are, until Ctrl-C or for --seconds, then a summary."""
     if unplug and scenario is None:
         raise click.UsageError("--unplug needs --simulate: a real device is unplugged by hand")
-    robot = options.robot(robot_path, filter_name)
+    robot = robot_configuration(robot_path, filter_name)
     with contextlib.ExitStack() as stack:
         if scenario is None:
             rig = real_rig(robot, sensors)
@@ -109,14 +102,14 @@ def run(
             rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse(scenario).seconds
-        figures, failures = _run(rig, seconds, record)
-    click.echo(summary(figures))
-    options.write_json(json_path, figures)
-    for name, error in failures.items():
+        outcome = _show_run(rig, seconds, record)
+    click.echo(summary(outcome.figures))
+    options.write_json(json_path, outcome.figures)
+    for name, error in outcome.failures.items():
         if isinstance(error, UserError):
             raise error
         raise RuntimeError(f"the {name} failed ({type(error).__name__}: {error})") from error
-    _check_measured(figures)
+    _check_measured(outcome.figures)
 
 
 def _check_measured(figures: Mapping[str, Any]) -> None:
@@ -134,44 +127,18 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
         )
 
 
-def _run(
-    rig: Rig, seconds: float | None, record: Path | None
-) -> tuple[dict[str, Any], dict[str, Exception]]:
-    """Run until a signal, for `seconds` or until a failure; return figures and failures."""
-    update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
-    profile = rig.config.filter.profile
-    localizer = Localizer(rig.config, Timed(profiles.make(profile, rig.config), update_seconds))
-    tally, title = Tally(), rig.title
-    with contextlib.ExitStack() as stack:
-        sinks: dict[str, Sink] = {"summary": tally.take}
-        if record is not None:
-            header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
-            recorder = stack.enter_context(Recorder(record, header))
-            sinks["recording"] = recorder.write
-            title += f"   recording {record.name}"
-        console = Console(State(title, profile, rig.sensors), sys.stdout)
-        stack.callback(console.close)
-        sinks["screen"] = console.take
-        begin, begin_cpu = time.monotonic(), time.process_time()
-        pipeline = Pipeline(localizer, rig.sources, sinks, rig.truth)
-        # Signals are caught until the devices are left in good order.
-        with signals_caught() as signalled, pipeline:
-            while not (signalled() or pipeline.stop.is_set()):
-                left = begin + (seconds or math.inf) - time.monotonic()
-                if left <= 0.0:
-                    break
-                console.draw()
-                time.sleep(min(FRAME_S, left))
-        wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
-        console.draw()
-    figures = {
-        "seconds": round(wall, 1),
-        **tally.figures(),
-        "updates_per_s": round(tally.estimates / wall, 1),
-        **timing(update_seconds),
-        "cpu_share_of_one_core": round(cpu / wall, 2),
-        "devices": tally.devices(),
-    }
-    if rig.simulated_board is not None:
-        figures["simulated_board"] = rig.simulated_board
-    return figures, pipeline.failures
+def _show_run(rig: Rig, seconds: float | None, record: Path | None) -> RunOutcome:
+    """Run with the teammates on the screen, until a signal, for `seconds` or until a failure."""
+    title = rig.title if record is None else f"{rig.title}   recording {record.name}"
+    console = Console(State(title, rig.config.filter.profile, rig.sensors), sys.stdout)
+    # Signals are caught until the devices are left in good order.
+    with contextlib.closing(console), signals_caught() as signalled:
+        return run_devices(
+            rig,
+            {"screen": console.take},
+            seconds=seconds,
+            record=record,
+            stopped=signalled,
+            watch=console.draw,
+            watch_every_s=FRAME_S,
+        )

@@ -1,6 +1,6 @@
 """Runs to replay and to score: recordings, and scenarios simulated at full speed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +34,13 @@ from host.simulation.world.scenarios import Scenario
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY, uses
 
 CLAIRVOYANT = "clairvoyant"
+
+# Called as data come in, with the time reached and the whole duration, in s.
+Progress = Callable[[float, float], None]
+
+
+def unseen(time: float, seconds: float) -> None:
+    """Progress that nobody follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +82,7 @@ class Run:
         return scored
 
 
-def find(source: str) -> Recording | Scenario:
+def find_source(source: str) -> Recording | Scenario:
     """The recording or the scenario that a source names. Raises UserError where it is neither."""
     path = Path(source)
     if source.endswith(SUFFIX) or path.is_file():
@@ -83,12 +90,12 @@ def find(source: str) -> Recording | Scenario:
     return scenarios.parse(source)
 
 
-def load(source: str, robot: RobotConfig | None) -> Run:
+def load_run(source: str, robot: RobotConfig | None) -> Run:
     """Read a recording or simulate a scenario; a recording is read as if taken with `robot`.
 
     Raises UserError where there is neither, and for a recording without truth.
     """
-    found = find(source)
+    found = find_source(source)
     if isinstance(found, Scenario):
         simulation, all_messages = simulated(found, robot or RobotConfig())
         messages, truths = _sort_out(all_messages, simulation.config)

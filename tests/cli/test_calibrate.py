@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from host import config
-from host.cli.gathering import with_mocap
 from host.cli.main import main
 from host.config import RobotConfig
 from host.messages import Bodies, Displacement
 from host.recording.log import Recording
+from host.sessions.gathering import with_mocap
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse
 

@@ -9,11 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
-from host.cli.replay import Comparison
 from host.cli.table import table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
-from host.messages import Displacement, Estimate, Health, Truth
+from host.messages import Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
@@ -76,7 +75,7 @@ def test_a_fault_of_the_program_is_words_too(monkeypatch, recording):
     def fail(*arguments):
         raise ZeroDivisionError("boom")
 
-    monkeypatch.setattr(runs, "load", fail)
+    monkeypatch.setattr(runs, "load_run", fail)
     told = invoke("evaluate", SCENARIO)
     assert told.exit_code == 1
     assert "a fault of the program: ZeroDivisionError: boom" in told.stderr
@@ -119,7 +118,7 @@ def test_replaying_twice_gives_the_same_bits_and_figures(recording, tmp_path):
 
 def test_a_replay_tells_whether_the_recorded_estimates_come_out_again(recording, tmp_path):
     """Adds estimates to a recording by hand, right ones and then one wrong in its last bit."""
-    run = runs.load(str(recording), None)
+    run = runs.load_run(str(recording), None)
     header = Recording(recording).header
     made = made_by(run)
     assert sum(map(len, made)) > 100
@@ -159,31 +158,6 @@ def record(path, header, messages, made):
                 recorder.write(message)
             for estimate in estimates:
                 recorder.write(estimate)
-
-
-def an_estimate(time):
-    none = np.zeros(0)
-    return Estimate(
-        time, np.zeros((0, 2)), np.zeros((0, 2, 2)), none, none, np.zeros(0, dtype=np.int64)
-    )
-
-
-def test_estimates_too_many_or_too_few_are_different():
-    step = Displacement(1.0, 0.1, 0.0, 0.0, 0.0)
-    a, b = an_estimate(1.0), an_estimate(2.0)
-    for fed, equal, different in (
-        ([(step, [a]), (a, []), (step, [b]), (b, []), (None, [])], 2, 0),
-        ([(step, [a]), (step, [b]), (b, []), (None, [])], 1, 1),  # one was not recorded
-        ([(step, []), (a, []), (step, [b]), (b, []), (None, [])], 1, 1),  # one is not made
-        ([(step, [a]), (b, []), (None, [])], 0, 1),
-        ([(step, [a, b]), (a, []), (None, [])], 1, 0),  # the run was killed
-        ([(step, []), (a, []), (None, [a])], 1, 0),  # made at the end
-        ([(step, []), (a, []), (None, [])], 0, 1),
-    ):
-        comparison = Comparison()
-        for message, made in fed:
-            comparison.take(message, made)
-        assert (comparison.equal, comparison.different) == (equal, different)
 
 
 def test_a_torn_recording_replays_and_says_so(recording, tmp_path):
@@ -275,7 +249,7 @@ def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):
 
 
 def test_nothing_is_computed_before_every_source_is_known_to_be_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(runs, "load", lambda *arguments: pytest.fail("it was computed"))
+    monkeypatch.setattr(runs, "load_run", lambda *arguments: pytest.fail("it was computed"))
     for source in ("mrclam:/no/folder", "arena4:seconds=5"):
         assert invoke("evaluate", SCENARIO, source).exit_code == 1
     folder = tmp_path / "a,b"  # a dataset, but an empty one

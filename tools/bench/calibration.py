@@ -43,7 +43,7 @@ def calibrated(folder: Path, seconds: int) -> RobotConfig:
 
 def gospa(scenario: str, robot: RobotConfig) -> float:
     """Mean GOSPA (m) of the default filter over a drive."""
-    run = runs.load(scenario, robot)
+    run = runs.load_run(scenario, robot)
     row = run.score(robot.filter.profile, LIDAR_AND_CAMERA).row("", "", "", "").as_json()
     return float(row["gospa_m"])
 

@@ -1,72 +1,14 @@
-"""What a run brought: figures for its summary."""
+"""The figures of a run or a replay as text for a person."""
 
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from host.cli.options import listing
 from host.errors import one_line
-from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S, errors_m
-from host.messages import Estimate, Health, Message, Truth
+from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # within a count, until the lines are filled
-
-
-class Tally:
-    """Counts what a run brought, for its summary."""
-
-    def __init__(self) -> None:
-        self.estimates = 0
-        self.reported = 0
-        self.health: dict[str, Health] = {}
-        self._estimate: Estimate | None = None
-        self._truths = self._within = 0
-        self._errors, self._error_sum_m = 0, 0.0
-
-    def take(self, message: Message) -> None:
-        """Count a message; truth follows the estimate it belongs to."""
-        if isinstance(message, Estimate):
-            self.estimates += 1
-            self.reported += len(message.positions)
-            self._estimate = message
-        elif isinstance(message, Health):
-            self.health[message.device] = message
-        elif isinstance(message, Truth) and self._estimate is not None:
-            self._truths += 1
-            self._within += int(np.sum(np.linalg.norm(message.positions, axis=1) <= RANGE_M))
-            errors = errors_m(self._estimate, message)
-            self._errors += int(np.sum(~np.isnan(errors)))
-            self._error_sum_m += float(np.nansum(errors))
-
-    def figures(self) -> dict[str, Any]:
-        """Means over all estimates, by name."""
-        figures: dict[str, Any] = {
-            "updates": self.estimates,
-            "teammates_reported": _mean(self.reported, self.estimates),
-        }
-        if self._truths:
-            figures["teammates_in_range"] = _mean(self._within, self._truths)
-            figures["mean_error_mm"] = _mean(1000.0 * self._error_sum_m, self._errors)
-        return figures
-
-    def devices(self) -> dict[str, dict[str, Any]]:
-        """The last health of each device."""
-        return {
-            name: {"ok": health.ok, "reason": health.reason, "counts": health.counts}
-            for name, health in self.health.items()
-        }
-
-
-def timing(update_seconds: Sequence[float]) -> dict[str, float | None]:
-    """What an update of the filter took, in ms."""
-    update_ms = 1000.0 * np.array(update_seconds or [math.nan])
-    return {
-        "update_ms_median": rounded(np.median(update_ms)),
-        "update_ms_p99": rounded(np.percentile(update_ms, 99.0)),
-    }
 
 
 def summary(figures: Mapping[str, Any]) -> str:
@@ -146,12 +88,3 @@ def _count(name: str, value: int) -> str:
     elif value == 1:
         words = re.sub(r"(ie)?s\b", lambda plural: "y" if plural[1] else "", words)
     return f"{value} {words}".replace(" ", _NO_BREAK)
-
-
-def _mean(total: float, count: int) -> float | None:
-    return rounded(total / count) if count else None
-
-
-def rounded(value: Any) -> float | None:
-    """A figure to three places; None where there is none."""
-    return None if value is None or math.isnan(value) else round(float(value), 3)

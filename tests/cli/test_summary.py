@@ -1,42 +1,10 @@
-"""The figures of a summary, against sums done by hand."""
+"""What a person reads after a run: counts, figures with units, or the reason there are none."""
 
 import re
 
-import numpy as np
-
-from host.cli.tally import Tally, summary, timing
-from host.messages import Estimate, Health, Truth
-
-
-def an_estimate(*points):
-    positions = np.array(points, dtype=float).reshape(-1, 2)
-    n = len(positions)
-    covariances = np.tile(np.eye(2), (n, 1, 1))
-    return Estimate(1.0, positions, covariances, np.ones(n), np.zeros(n), np.arange(n))
-
-
-def a_truth(*points):
-    return Truth(1.0, np.arange(len(points)), np.array(points, dtype=float).reshape(-1, 2))
-
-
-def test_means_are_over_all_estimates_and_errors_over_those_of_someone():
-    tally = Tally()
-    tally.take(an_estimate([1.0, 0.0], [0.0, 9.0]))
-    tally.take(a_truth([1.1, 0.0], [0.0, -3.0]))
-    tally.take(an_estimate([1.0, 0.0], [0.0, 1.0], [5.0, 5.0]))
-    tally.take(a_truth([1.3, 0.0], [0.0, 1.2]))
-    assert tally.figures() == {
-        "updates": 2,
-        "teammates_reported": 2.5,
-        "teammates_in_range": 1.5,
-        "mean_error_mm": 200.0,
-    }
-
-
-def test_what_is_not_known_is_no_figure():
-    assert Tally().figures() == {"updates": 0, "teammates_reported": None}
-    assert timing([]) == {"update_ms_median": None, "update_ms_p99": None}
-    assert timing([0.001, 0.002, 0.003])["update_ms_median"] == 2.0
+from host.cli.summary import summary
+from host.messages import Health
+from host.sessions.figures import Tally, timing
 
 
 def test_a_summary_has_counts_or_the_reason_there_are_none():

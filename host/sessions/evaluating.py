@@ -1,0 +1,150 @@
+"""Filters against truth: sources of any kind, scored with several filters and sensors."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+from host.config import RobotConfig
+from host.errors import UserError
+from host.estimator import profiles
+from host.evaluation import mrclam_scoring
+from host.evaluation.metrics import Accumulator, Row
+from host.evaluation.truth_scoring import WARM_UP_S
+from host.recording import mrclam
+from host.recording.mrclam import Landmarks
+from host.sessions import runs
+from host.simulation.offline import OBSERVER
+from host.simulation.world.scenarios import Scenario
+
+_DATASET = "mrclam:"
+_LANDMARKS = ("drop", "clutter")
+
+Scores = dict[tuple[str, str], Accumulator]  # by filter and sensors
+Step = Callable[[str], None]
+
+
+def check_source(source: str) -> None:
+    """Raise UserError for a source that is not there or is known to be too short."""
+    if source.startswith(_DATASET):
+        _dataset(source)
+        return
+    found = runs.find_source(source)
+    if isinstance(found, Scenario) and found.seconds <= WARM_UP_S:
+        raise _too_short(source)
+
+
+def step_count(sources: Sequence[str], filters: Sequence[str], sensors: Sequence[str]) -> int:
+    """How often `score_sources` reports a step. A dataset has its own sensors."""
+    each = [1 if source.startswith(_DATASET) else len(sensors) for source in sources]
+    return len(filters) * sum(each)
+
+
+def _no_step(done: str) -> None:
+    pass
+
+
+def score_sources(
+    sources: Sequence[str],
+    filters: Sequence[str],
+    sensors: Sequence[str],
+    robot: RobotConfig | None = None,
+    step: Step = _no_step,
+) -> list[Row]:
+    """Rows of each filter with each choice of sensors on each source, in this order.
+
+    source: a recording, a scenario (arena4:seconds=120,seed=1) or mrclam:FOLDER,landmarks=drop.
+    Several seeds of one scenario are pooled besides, in rows at the end. robot: None for the
+    recordings' own and else the default. step: called with what has just been scored. Raises
+    UserError where a source is not there, has no truth or is too short.
+    """
+    rows: list[Row] = []
+    scored: list[tuple[Scenario, Scores]] = []
+    for source in sources:
+        if source.startswith(_DATASET):
+            rows += _dataset_rows(source, filters, step)
+            continue
+        run = runs.load_run(source, robot)
+        scores = _scores(run, filters, sensors, step)
+        rows += _rows(source, run.observer, scores)
+        if run.scenario is not None:
+            scored.append((run.scenario, scores))
+    return [*rows, *_pooled(scored)]
+
+
+def _too_short(source: str) -> UserError:
+    return UserError(
+        f"{source} cannot be scored",
+        f"it is shorter than the {WARM_UP_S:.0f} s of warm-up, or has no truth at scans after it",
+        "use a longer one: seconds=30 for a scenario",
+    )
+
+
+def _scores(run: runs.Run, names: Sequence[str], sensors: Sequence[str], step: Step) -> Scores:
+    missing = set(sensors) - set(run.sensors)
+    if missing == set(sensors):
+        raise UserError(
+            f"{run.name} has no readings of {' or '.join(sorted(missing))}",
+            f"it holds those of {', '.join(run.sensors) or 'no sensor'}",
+            "choose others with --sensors",
+        )
+    scores: Scores = {}
+    for name in names:
+        for chosen in sensors:
+            if chosen in run.sensors:
+                scores[name, chosen] = run.score(name, chosen)
+                if not scores[name, chosen].seconds:
+                    raise _too_short(run.name)
+            step(f"{run.name} {name} {chosen}")
+    return scores
+
+
+def _rows(source: str, observer: str, scores: Scores) -> Iterator[Row]:
+    for (name, sensors), scored in scores.items():
+        yield scored.row(source, observer, name, sensors)
+
+
+def _pooled(scored: Sequence[tuple[Scenario, Scores]]) -> Iterator[Row]:
+    """Rows of all seeds of one scenario together, where there are several."""
+    groups: dict[Scenario, list[Scores]] = defaultdict(list)
+    for scenario, scores in scored:
+        groups[replace(scenario, seed=0)].append(scores)
+    for scenario, group in groups.items():
+        if len(group) > 1:
+            whole = {key: Accumulator.pooled(scores[key] for scores in group) for key in group[0]}
+            yield from _rows(f"{scenario.name} x{len(group)}", str(OBSERVER), whole)
+
+
+def _dataset_rows(source: str, names: Sequence[str], step: Step) -> list[Row]:
+    folder, landmarks = _dataset(source)
+    dataset = mrclam.load(folder)
+    rows: list[Row] = []
+    for name in names:
+        rows += mrclam_scoring.evaluate(dataset, {name: _maker(name)}, landmarks, source)
+        step(f"{source} {name}")
+    return rows
+
+
+def _maker(name: str) -> mrclam_scoring.NewFilter:
+    if name in mrclam_scoring.REFERENCES:
+        return mrclam_scoring.REFERENCES[name]
+    return lambda: profiles.make(name, mrclam_scoring.ROBOT)
+
+
+def _dataset(source: str) -> tuple[Path, Landmarks]:
+    """Folder and landmarks of mrclam:FOLDER,landmarks=drop. Raises UserError."""
+    text = source.removeprefix(_DATASET)
+    folder, _, setting = text.rpartition(",")
+    if not folder or Path(text).is_dir():  # a folder's name may hold a comma
+        folder, setting = text, "landmarks=drop"
+    key, _, value = (part.strip() for part in setting.partition("="))
+    if key != "landmarks" or value not in _LANDMARKS:
+        raise UserError(
+            f"dataset {source!r} has no setting {setting!r}",
+            "landmarks=drop leaves readings of landmarks out, landmarks=clutter keeps them",
+            f"write {_DATASET}{folder},landmarks=drop",
+        )
+    if not Path(folder).is_dir():
+        mrclam.load(Path(folder))  # its error reports what is missing
+    return Path(folder), cast(Landmarks, value)

@@ -1,0 +1,130 @@
+"""Where a calibration's data come from: a recording, a scenario, or the robot as it drives."""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from host.calibration.gathered import Gathered
+from host.config import RobotConfig
+from host.errors import UserError, one_line
+from host.messages import Health, Message
+from host.recording.log import Recording
+from host.sessions.running import RunOutcome, never, run_devices
+from host.sessions.runs import Progress, find_source, read_as, unseen
+from host.simulation.offline import Simulation
+from host.simulation.world import scenarios
+from host.sources.rig import MOCAP, Rig, real_rig, simulated_rig
+from host.sources.sensors import LIDAR_AND_CAMERA
+
+_MOCAP_HZ = 100
+_LOOK_EVERY_S = 1.0
+
+Advice = Callable[[Gathered], list[str]]
+
+
+def with_mocap(scenario: str) -> str:
+    """The scenario as written, with motion capture where it sets none."""
+    if scenarios.parse(scenario).mocap_hz or "mocap_hz" in scenarios.settings(scenario):
+        return scenario
+    return f"{scenario}{',' if ':' in scenario else ':'}mocap_hz={_MOCAP_HZ}"
+
+
+def gather_source(
+    source: str,
+    robot: RobotConfig | None,
+    progress: Progress = unseen,
+    warn: Callable[[str], None] = print,
+) -> Gathered:
+    """What a recording holds, or what a scenario gives at full speed.
+
+    A recording is read as if taken with the configuration `robot`, None: with its own. warn: gets
+    what is wrong with the source but does not prevent its use. Raises UserError.
+    """
+    found = find_source(source)
+    if isinstance(found, Recording):
+        config = robot or found.header.config
+        gathered = Gathered(config)
+        for message in read_as(found, config):
+            gathered.take(message)
+        if found.torn:
+            warn(f"{source}: its last line is torn, the run was cut short")
+        return gathered
+    simulation = Simulation(scenarios.parse(with_mocap(source)), robot or RobotConfig())
+    gathered = Gathered(simulation.config)
+    for message in simulation.messages():
+        gathered.take(message)
+        progress(message.time, simulation.scenario.seconds)
+    return gathered
+
+
+def calibration_rig(
+    stack: contextlib.ExitStack, robot: RobotConfig, scenario: str | None, mocap_needed: bool
+) -> Rig:
+    """The devices to gather from: the robot's, or simulated ones, which run until `stack` is left.
+
+    Raises UserError where there is no motion capture and it is needed.
+    """
+    if scenario is None:
+        rig = real_rig(robot, None)
+    else:
+        rig = simulated_rig(stack, robot, with_mocap(scenario), {}, LIDAR_AND_CAMERA)
+    if mocap_needed and MOCAP not in rig.sources:
+        raise UserError(
+            "there is no motion capture to calibrate against",
+            'source is "none" in [mocap] of robot.toml',
+            "name it there (docs/calibration.md), or try --simulate misbuilt4",
+        )
+    return rig
+
+
+class DriveWatch:
+    """What the devices deliver while the robot drives: `gathered`, and what is `missing` still."""
+
+    def __init__(self, rig: Rig, advice: Advice) -> None:
+        self.gathered = Gathered(rig.config)
+        self._advice = advice
+        self._mocap = MOCAP in rig.sources
+        self._health: dict[str, Health] = {}
+
+    def note(self, message: Message) -> None:
+        """Keep the health of each device."""
+        if isinstance(message, Health):
+            self._health[message.device] = message
+
+    def missing(self) -> Sequence[str]:
+        """A device that is down, or else what the drive still lacks; empty: enough to fit."""
+        for name, health in list(self._health.items()):
+            if not health.ok and name != "localizer":
+                return [f"{name}: {one_line(health.reason)}"]
+        if self._mocap and not self.gathered.bodies:
+            return ["waiting for motion capture"]
+        try:
+            return self._advice(self.gathered)
+        except UserError as error:
+            return str(error).splitlines()
+
+
+def gather_from_devices(
+    rig: Rig,
+    drive: DriveWatch,
+    *,
+    seconds: float | None,
+    record: Path,
+    stopped: Callable[[], bool] = never,
+    watch: Callable[[], None],
+) -> RunOutcome:
+    """Gather into `drive` until `stopped()` or for `seconds`, and record it all.
+
+    watch: called once a second. What failed is in the outcome; what was driven is kept
+    nevertheless.
+    """
+    sinks = {"calibration": drive.gathered.take, "screen": drive.note}
+    return run_devices(
+        rig,
+        sinks,
+        seconds=seconds,
+        record=record,
+        stopped=stopped,
+        watch=watch,
+        watch_every_s=_LOOK_EVERY_S,
+    )

@@ -1,0 +1,96 @@
+"""A run: a robot's devices, or simulated ones, through the localizer to any number of sinks."""
+
+import contextlib
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from host.estimator import profiles
+from host.evaluation.runner import Timed
+from host.localizer import Localizer
+from host.pipeline import Pipeline, Sink
+from host.recording.log import Recorder, RecordingHeader
+from host.sessions.figures import Tally, timing
+from host.sources.rig import Rig
+
+_TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """figures: of the summary, by name; failures: by name, what ended a part before its time."""
+
+    figures: dict[str, Any]
+    failures: dict[str, Exception]
+
+
+def never() -> bool:
+    """A run that nothing stops."""
+    return False
+
+
+def nothing() -> None:
+    """A run that nobody watches."""
+
+
+def run_devices(
+    rig: Rig,
+    sinks: Mapping[str, Sink],
+    *,
+    seconds: float | None = None,
+    record: Path | None = None,
+    stopped: Callable[[], bool] = never,
+    watch: Callable[[], None] = nothing,
+    watch_every_s: float = 0.2,
+) -> RunOutcome:
+    """Run until `stopped()`, for `seconds` or until the localizer fails.
+
+    sinks: by the name that Health calls them; each gets every message, in the localizer's thread.
+    record: the recording to write. watch: called in this thread every `watch_every_s`, and at the
+    end. Raises UserError where the recording cannot be begun.
+    """
+    update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
+    filter_ = profiles.make(rig.config.filter.profile, rig.config)
+    localizer = Localizer(rig.config, Timed(filter_, update_seconds))
+    tally = Tally()
+    with contextlib.ExitStack() as stack:
+        all_sinks: dict[str, Sink] = {"summary": tally.take}
+        if record is not None:
+            header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
+            all_sinks["recording"] = stack.enter_context(Recorder(record, header)).write
+        begin, begin_cpu = time.monotonic(), time.process_time()
+        with Pipeline(localizer, rig.sources, {**all_sinks, **sinks}, rig.truth) as pipeline:
+            _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
+        wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
+        watch()
+    figures = {
+        "seconds": round(wall, 1),
+        **tally.figures(),
+        "updates_per_s": round(tally.estimates / wall, 1),
+        **timing(update_seconds),
+        "cpu_share_of_one_core": round(cpu / wall, 2),
+        "devices": tally.devices(),
+    }
+    if rig.simulated_board is not None:
+        figures["simulated_board"] = rig.simulated_board
+    return RunOutcome(figures, pipeline.failures)
+
+
+def _watch(
+    pipeline: Pipeline,
+    end: float,
+    stopped: Callable[[], bool],
+    watch: Callable[[], None],
+    every_s: float,
+) -> None:
+    """Wait for the end of a run, and call `watch` meanwhile."""
+    while not (stopped() or pipeline.stop.is_set()):
+        left = end - time.monotonic()
+        if left <= 0.0:
+            return
+        watch()
+        time.sleep(min(every_s, left))
