@@ -244,7 +244,7 @@ def load(path: Path) -> RobotConfig:
         raise UserError(
             f"cannot read the configuration {path}",
             error.strerror or str(error),
-            "copy robots/cherokey.toml and pass its path with --robot",
+            "write one with `swarmloc init FILE` and pass it with --robot FILE",
         ) from error
     except UnicodeDecodeError as error:
         raise UserError(

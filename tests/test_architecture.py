@@ -24,6 +24,7 @@ FLOORS = {
     "messages": 1,
     "geometry": 1,
     "config": 1,
+    "folders": 1,
     "errors": 1,
 }
 GROUND = 1  # its files may import each other: errors ← config, messages ← geometry

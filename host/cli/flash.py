@@ -8,6 +8,7 @@ from host.cli import options
 from host.drivers.romeo.ports import AUTO
 from host.flashing import build as romeo_build
 from host.flashing import flash as romeo_flash
+from host.flashing import identity as romeo_identity
 from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware
 
 
@@ -43,10 +44,10 @@ def flash(port: str, build_only: bool, json_path: Path | None) -> None:
     if not build_only:
         flashed = romeo_flash.flash(firmware, port, click.echo)
         identity = flashed.identity
-        click.echo(f"done: the board runs {romeo_flash.in_words(identity)}")
+        click.echo(f"done: the board runs {romeo_identity.in_words(identity)}")
         figures |= {
             "port": flashed.port,
-            "version": romeo_flash.version(identity),
+            "version": romeo_identity.version(identity),
             "protocol_hash": f"{identity.protocol_hash:08x}",
         }
     options.write_json(json_path, figures)

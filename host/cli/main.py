@@ -7,6 +7,7 @@ import click
 from host.cli.calibrate import calibrate
 from host.cli.evaluate import evaluate
 from host.cli.flash import flash
+from host.cli.init import init
 from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.simulate import simulate
@@ -56,5 +57,5 @@ def main(debug: bool) -> None:
     """
 
 
-for command in (run, simulate, replay, evaluate, flash, calibrate):
+for command in (init, run, simulate, replay, evaluate, flash, calibrate):
     main.add_command(command)

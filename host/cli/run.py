@@ -47,7 +47,7 @@ def _intervals(
 Examples:
   swarmloc run --simulate arena4
   swarmloc run --simulate arena4 --seconds 10 --unplug lidar=2-5
-  swarmloc run --robot robots/cherokey.toml --record today.swarmloc""",
+  swarmloc run --robot robot.toml --record today.swarmloc""",
 )
 @options.robot_option
 @click.option(

@@ -18,10 +18,9 @@ from pathlib import Path
 from host.errors import UserError
 from host.flashing import elf
 from host.flashing.arduino_core import DEBIAN, ArduinoCore
+from host.folders import build_folder, data_folder
 
-ROOT = Path(__file__).resolve().parents[2]
-PROJECT = ROOT / "firmware/romeo_odometry"
-BUILDS = ROOT / "build/firmware"
+PROJECT = data_folder() / "firmware/romeo_odometry"
 FLASH_BYTES = 28672  # what the bootloader leaves of the ATmega32U4's 32 KiB
 RAM_BYTES = 2560
 
@@ -83,8 +82,8 @@ def build_with_avr_gcc(
 def build_with_platformio(project: Path = PROJECT, workspace: Path | None = None) -> Firmware:
     """Build with PlatformIO, which downloads what its folder (PLATFORMIO_CORE_DIR) lacks.
 
-    project: a folder with a platformio.ini. workspace: for what is built; None: one under BUILDS.
-    Raises UserError where PlatformIO is not installed or the build fails.
+    project: a folder with a platformio.ini. workspace: for what is built; None: one in
+    build_folder(). Raises UserError where PlatformIO is not installed or the build fails.
     """
     pio = find_platformio()
     if pio is None:
@@ -93,7 +92,7 @@ def build_with_platformio(project: Path = PROJECT, workspace: Path | None = None
             "it is not installed",
             "run: pip install platformio    or build with Debian's avr-gcc",
         )
-    workspace = workspace or BUILDS / "platformio"
+    workspace = workspace or build_folder() / "platformio"
     environment = {
         "PLATFORMIO_WORKSPACE_DIR": str(workspace),
         # To build is not to agree to be counted.
@@ -191,7 +190,7 @@ def _project_build(core: ArduinoCore, archive: Path, flags: Sequence[str], proje
         raise UserError(
             "cannot build the firmware",
             f"there are no sources in {src}",
-            "run swarmloc from its repository, as the README tells",
+            "restore its src/ folder, or install swarmloc again",
         )
 
     def make(folder: Path) -> None:
@@ -257,11 +256,10 @@ def _digest(files: Iterable[Path], settings: Iterable[str]) -> str:
 
 def _once(name: str, make: Callable[[Path], None]) -> Path:
     """A folder that `make` fills where it is not there: whole or absent, whoever else builds."""
-    folder = BUILDS / name
+    folder = build_folder() / name
     if folder.is_dir():
         return folder
-    BUILDS.mkdir(parents=True, exist_ok=True)
-    made = Path(tempfile.mkdtemp(prefix=f"{name}.", dir=BUILDS))
+    made = Path(tempfile.mkdtemp(prefix=f"{name}.", dir=folder.parent))
     try:
         make(made)
         try:

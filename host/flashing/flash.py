@@ -5,15 +5,10 @@ import os
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import serial
-
-from host.drivers.romeo.device import BAUDRATE
-from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.ports import (
     PASTE_RULE,
     BoardPort,
@@ -23,16 +18,12 @@ from host.drivers.romeo.ports import (
     wait_for,
     wait_for_access,
 )
-from host.drivers.romeo.protocol import (
-    BOARD_ROMEO_V2,
-    PROTOCOL_HASH,
-    HelloFrame,
-    IdentityFrame,
-)
-from host.drivers.romeo.session import ASK_PERIOD_S
-from host.drivers.serial_port import explain, read_available, stable_path
+from host.drivers.romeo.protocol import IdentityFrame
+from host.drivers.serial_port import stable_path
 from host.errors import UserError
-from host.flashing.build import BUILDS, PROJECT, Firmware, platformio_folder
+from host.flashing.build import PROJECT, Firmware, platformio_folder
+from host.flashing.identity import compare, identity_of, read_identity
+from host.folders import build_folder
 
 TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way to the bootloader
 UPLOAD_BAUDRATE = 57600
@@ -40,8 +31,7 @@ BOOTLOADER_S = 8.0  # to appear, and about as long it stays
 BUTTON_S = 30.0  # for a person to press the reset button
 UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
 SKETCH_S = 10.0
-IDENTITY_S = 4.0
-LOG = BUILDS / "avrdude.log"
+LOG = "avrdude.log"  # in build_folder()
 
 _BY_HAND = (
     "press its reset button (twice in quick succession where once does nothing) and run "
@@ -97,40 +87,6 @@ def flash(
     identity = read_identity(path)
     compare(identity, expected)
     return Flashed(path, identity)
-
-
-def identity_of(project: Path = PROJECT) -> IdentityFrame:
-    """What firmware built from the project's sources will say of itself.
-
-    Raises UserError where they cannot be read or speak another protocol than this host.
-    """
-    try:
-        text = "".join(
-            (project / "include" / name).read_text("utf-8") for name in ("version.h", "protocol.h")
-        )
-    except OSError as error:
-        raise UserError(
-            "cannot tell the firmware's version",
-            f"{error.filename}: {error.strerror}",
-            "run swarmloc from its repository, as the README tells",
-        ) from error
-    values = dict(re.findall(r"^#define (\w+) (0x[0-9a-f]+|\d+)", text, re.MULTILINE))
-    names = ("PROTOCOL_HASH", *(f"FIRMWARE_VERSION_{part}" for part in ("MAJOR", "MINOR", "PATCH")))
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise UserError(
-            "cannot tell the firmware's version",
-            f"{project / 'include'} does not define {', '.join(missing)}",
-            "restore version.h, and run python tools/generate_protocol.py",
-        )
-    found, major, minor, patch = (int(values[name], 0) for name in names)
-    if found != PROTOCOL_HASH:
-        raise UserError(
-            "this firmware would not understand this host",
-            f"its protocol.h speaks {found:08x}, the host speaks {PROTOCOL_HASH:08x}",
-            "run: python tools/generate_protocol.py",
-        )
-    return IdentityFrame(found, major, minor, patch, BOARD_ROMEO_V2)
 
 
 def find_avrdude() -> list[str]:
@@ -196,7 +152,7 @@ def touch(path: str) -> None:
 
 
 def upload(avrdude: list[str], image: Path, port: str) -> None:
-    """Write the .hex and verify it; what avrdude says goes to LOG. Raises UserError."""
+    """Write the .hex and verify it; avrdude's output is kept in LOG. Raises UserError."""
     command = [
         *avrdude,
         *("-p", "atmega32u4", "-c", "avr109", "-P", port, "-b", str(UPLOAD_BAUDRATE)),
@@ -216,12 +172,12 @@ def upload(avrdude: list[str], image: Path, port: str) -> None:
     except subprocess.TimeoutExpired as error:
         said, failed = (error.stdout or b"") + b"\nstopped: timeout\n", True
     text = said.decode("utf-8", "replace")
-    LOG.parent.mkdir(parents=True, exist_ok=True)
-    LOG.write_text(f"{' '.join(command)}\n{text}", "utf-8")
+    log = build_folder() / LOG
+    log.write_text(f"{' '.join(command)}\n{text}", "utf-8")
     if failed:
         why, next_step = _avrdude_failure(text)
         raise UserError(
-            "avrdude could not upload the firmware", f"{why} ({LOG} has all it said)", next_step
+            "avrdude could not upload the firmware", f"{why} ({log} has all it said)", next_step
         )
 
 
@@ -244,58 +200,3 @@ def _sketch_of(board: BoardPort) -> BoardPort:
             "unplug the board, plug it in again, then run `swarmloc flash` again",
         )
     return found
-
-
-def read_identity(path: str) -> IdentityFrame:
-    """What the board at the port says of itself. Raises UserError where it says nothing."""
-    try:
-        with open_board(path, BAUDRATE, patience_s=IDENTITY_S) as port:
-            return _greet(port)
-    except OSError as error:
-        raise UserError(
-            "the board does not introduce itself",
-            explain(error),
-            "unplug the board, plug it in again, then run `swarmloc flash` again",
-        ) from error
-
-
-def _greet(port: serial.Serial) -> IdentityFrame:
-    decoder = BoardDecoder()
-    heard = 0
-    end = time.monotonic() + IDENTITY_S
-    next_hello = 0.0
-    while time.monotonic() < end:
-        if time.monotonic() >= next_hello:
-            port.write(DELIMITER + encode(HelloFrame()))
-            next_hello = time.monotonic() + ASK_PERIOD_S
-        data = read_available(port)
-        heard += len(data)
-        for frame in decoder.feed(data):
-            if isinstance(frame, IdentityFrame):
-                return frame
-    raise UserError(
-        "the board does not introduce itself",
-        f"it sent {heard} bytes in {IDENTITY_S:.0f} s and no identity among them",
-        "run `swarmloc flash` again",
-    )
-
-
-def compare(found: IdentityFrame, built: IdentityFrame) -> None:
-    """Raise UserError unless the board runs what was built."""
-    if found != built:
-        raise UserError(
-            "the board does not run what was built",
-            f"it runs {in_words(found)}; built was {in_words(built)}",
-            "run `swarmloc flash` again; if another board answers, name one: --port PORT",
-        )
-
-
-def version(identity: IdentityFrame) -> str:
-    """The firmware's version as it is written: 1.2.3."""
-    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
-
-
-def in_words(identity: IdentityFrame) -> str:
-    """Version, protocol and kind of board, for the screen."""
-    board = "a Romeo V2" if identity.board == BOARD_ROMEO_V2 else f"board {identity.board}"
-    return f"firmware {version(identity)} with protocol {identity.protocol_hash:08x} on {board}"

@@ -11,9 +11,9 @@ from serial.tools import list_ports
 from host.cli.main import main
 from host.drivers.romeo.protocol import PROTOCOL_HASH
 from host.flashing import build as romeo_build
-from host.flashing import flash as romeo_flash
 from host.flashing.build import build_with_avr_gcc
-from host.flashing.flash import find_avrdude, identity_of, in_words, version
+from host.flashing.flash import find_avrdude
+from host.flashing.identity import identity_of, in_words, version
 from host.simulation.devices import romeo_stand_in as romeo_device
 from tests.flashing.romeo_machine import Machine
 from tests.toolchain import needed
@@ -23,7 +23,7 @@ from tests.toolchain import needed
 def built_here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     built = needed(build_with_avr_gcc)
     monkeypatch.setattr(romeo_build, "build", lambda: built)
-    monkeypatch.setattr(romeo_flash, "LOG", tmp_path / "avrdude.log")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
 
 def invoke(*arguments: object) -> Result:

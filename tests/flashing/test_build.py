@@ -45,7 +45,7 @@ def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def project(builds: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.setattr(romeo_build, "BUILDS", builds)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(builds))
     (tmp_path / "src").mkdir()
     (tmp_path / "src/main.cpp").write_text(SKETCH)
     return tmp_path
@@ -150,7 +150,7 @@ def test_what_the_board_cannot_hold_is_told(project: Path, line: str, said: str)
 
 
 def test_no_sources(builds: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(romeo_build, "BUILDS", builds)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(builds))
     with pytest.raises(UserError, match="there are no sources"):
         build_with_avr_gcc(project=tmp_path)
 

@@ -17,8 +17,11 @@ from host.drivers.romeo.protocol import BOARD_ROMEO_V2, PROTOCOL_HASH, IdentityF
 from host.drivers.serial_port import open_port
 from host.errors import UserError
 from host.flashing import flash as romeo_flash
+from host.flashing import identity as romeo_identity
 from host.flashing.build import Firmware, build_with_avr_gcc
-from host.flashing.flash import find_avrdude, flash, identity_of
+from host.flashing.flash import LOG, find_avrdude, flash
+from host.flashing.identity import identity_of, in_words
+from host.folders import build_folder
 from host.simulation.devices import romeo_library
 from host.simulation.devices import romeo_stand_in as romeo_device
 from host.simulation.devices.romeo_elf import RomeoElf
@@ -39,7 +42,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What nobody answers is not waited for; and nothing is plugged in."""
     monkeypatch.setattr(romeo_ports, "POLL_S", 0.005)
     monkeypatch.setattr(romeo_ports, "ACCESS_S", 0.0)
-    monkeypatch.setattr(romeo_flash, "LOG", tmp_path / "avrdude.log")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(list_ports, "comports", list)
     built = identity_of()
     monkeypatch.setattr(
@@ -81,7 +84,7 @@ def test_the_firmware_is_uploaded_byte_for_byte_and_read_back(
     steps = ("found the board", "bootloader", "uploaded and verified", "has started")
     assert len(lines) == len(steps)
     assert all(step in line for step, line in zip(steps, lines, strict=True))
-    assert "bytes of flash verified" in romeo_flash.LOG.read_text("utf-8")
+    assert "bytes of flash verified" in (build_folder() / LOG).read_text("utf-8")
 
 
 def test_a_board_in_its_bootloader_needs_no_touch(
@@ -258,8 +261,8 @@ def test_avrdude_fails(
     error = failure(firmware)
     assert error.what == "avrdude could not upload the firmware"
     assert error.why.startswith("what was read back from the board is not what was written")
-    assert str(romeo_flash.LOG) in error.why
-    assert "verification mismatch" in romeo_flash.LOG.read_text("utf-8")
+    assert str(build_folder() / LOG) in error.why
+    assert "verification mismatch" in (build_folder() / LOG).read_text("utf-8")
 
 
 def test_the_bootloader_is_mute(
@@ -296,14 +299,14 @@ def test_the_version_or_the_protocol_did_not_change(
     assert error.what == "the board does not run what was built"
     assert error.why == (
         "it runs firmware 0.0.9 with protocol 12345678 on a Romeo V2; "
-        f"built was {romeo_flash.in_words(identity_of())}"
+        f"built was {in_words(identity_of())}"
     )
 
 
 def test_the_board_says_nothing(
     machine: Machine, monkeypatch: pytest.MonkeyPatch, firmware: Firmware
 ) -> None:
-    monkeypatch.setattr(romeo_flash, "IDENTITY_S", 0.3)
+    monkeypatch.setattr(romeo_identity, "IDENTITY_S", 0.3)
     machine.board.silent = True
     error = failure(firmware)
     assert error.what == "the board does not introduce itself"

@@ -4,16 +4,16 @@ import ctypes
 import functools
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
 from host.errors import UserError
+from host.folders import build_folder, data_folder
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-SOURCES = REPOSITORY / "firmware" / "simulator"
-BUILD = REPOSITORY / "build"
+SOURCES = data_folder() / "firmware/simulator"
 COMPILE = ("cc", "-std=gnu11", "-O2", "-Wall", "-Wextra", "-fPIC", "-shared")
 LIBRARIES = ("-lsimavr",)
 INSTALL = "sudo apt install gcc libc6-dev libsimavr-dev"
@@ -63,7 +63,12 @@ def load() -> ctypes.CDLL:
 
     Raises UserError where it is not built yet and cannot be.
     """
-    library = ctypes.CDLL(str(build()))
+    path = build()
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        # The system's libsimavr may have been replaced since, or its folder not be executable.
+        raise _not_built(f"{error}; what was built is in {path.parent}") from error
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
@@ -76,13 +81,14 @@ def build() -> Path:
     if not sources:
         raise UserError(
             "the board's simulator is not here",
-            f"{SOURCES} has no sources: they are not part of the installed package",
-            "run swarmloc from a checkout of its repository",
+            f"{SOURCES} has no sources: this installation is incomplete",
+            "install swarmloc again",
         )
-    digest = hashlib.sha256(repr((COMPILE, LIBRARIES)).encode())
+    # A home folder may be shared by machines of different kinds.
+    digest = hashlib.sha256(repr((COMPILE, LIBRARIES, platform.machine())).encode())
     for file in [*sources, *sorted(SOURCES.glob("*.h"))]:
         digest.update(file.read_bytes())
-    library = BUILD / f"romeo-simulator-{digest.hexdigest()[:16]}.so"
+    library = build_folder() / f"romeo-simulator-{digest.hexdigest()[:16]}.so"
     if not library.exists():
         _compile(sources, library)
     return library
@@ -91,9 +97,8 @@ def build() -> Path:
 def _compile(sources: list[Path], library: Path) -> None:
     if shutil.which(COMPILE[0]) is None:
         raise _not_built("no C compiler is installed")
-    BUILD.mkdir(exist_ok=True)
     # Built aside, so that whoever looks for it meanwhile finds it whole or not at all.
-    with tempfile.TemporaryDirectory(dir=BUILD) as folder:
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         made = Path(folder) / library.name
         result = subprocess.run(
             [*COMPILE, "-o", str(made), *map(str, sources), *LIBRARIES],

@@ -313,7 +313,7 @@ def test_a_file_that_is_no_program_for_the_board_is_refused(tmp_path: Path) -> N
 def test_what_the_simulator_lacks_is_told_with_the_line_to_paste(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(romeo_library, "BUILD", tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with monkeypatch.context() as patched:
         patched.setattr(romeo_library, "COMPILE", ("no-such-compiler",))
         with pytest.raises(UserError, match="sudo apt install") as error:
@@ -325,5 +325,5 @@ def test_what_the_simulator_lacks_is_told_with_the_line_to_paste(
     with pytest.raises(UserError, match="libsimavr-dev is not installed"):
         romeo_library.build()
     monkeypatch.setattr(romeo_library, "SOURCES", tmp_path / "nowhere")
-    with pytest.raises(UserError, match="checkout"):
+    with pytest.raises(UserError, match="install swarmloc again"):
         romeo_library.build()
