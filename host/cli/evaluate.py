@@ -8,14 +8,24 @@ import click
 
 from host.cli import options
 from host.cli.table import table
+from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
+from host.evaluation.truth_scoring import RANGE_M
 from host.sessions.evaluating import check_source, score_sources, step_count
 from host.sessions.robot import robot_configuration
 from host.sources.sensors import SENSORS
 
 FILTERS = ("perera2021", "phd", "clairvoyant", "last_reading")
 
+_HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
+
+A scenario is written as arena4:seconds=120,seed=1; several seeds of one are also pooled. A dataset
+is mrclam:FOLDER,landmarks=drop or clutter. Each teammate within {RANGE_M:g} m is to be reported at
+every scan; errors are cut off at {CUT_OFF_M:g} m ({MRCLAM_CUT_OFF_M:g} m in the dataset).
+"""
+
 
 @click.command(
+    help=_HELP,
     short_help="Filters against truth, in figures.",
     epilog="""\b
 Examples:
@@ -45,12 +55,7 @@ def evaluate(
     robot_path: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Score filters on each SOURCE: a recording, a scenario or a dataset.
-
-    A scenario is written as arena4:seconds=120,seed=1; several seeds of one are also pooled. A
-    dataset is mrclam:FOLDER,landmarks=drop or clutter. Each teammate within 2 m is to be
-    reported at every scan; errors are cut off at 0.5 m (1 m in the dataset).
-    """
+    """Score filters on each source; `_HELP` is what the user reads."""
     names = options.several(filters, FILTERS, "--filters")
     wanted = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else robot_configuration(robot_path)

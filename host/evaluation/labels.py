@@ -1,4 +1,4 @@
-"""Who was measured, told from truth: what the clairvoyant filter needs where no dataset tells."""
+"""Who was measured, by truth: what the clairvoyant filter needs where no dataset says it."""
 
 import bisect
 from collections.abc import Sequence
@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from host.estimator.interface import Filter
 from host.geometry import wrap
 from host.messages import (
     Bearings,
-    Displacement,
-    Estimate,
     FloatArray,
     IntArray,
     Positions,
@@ -75,30 +72,14 @@ class TruthTrack:
         return Truth(time=time, identities=who, positions=positions)
 
 
-class Labelled:
-    """A filter whose measurements are labelled from truth on their way in."""
+def label_by_track(measurement: Positions | Bearings, track: TruthTrack) -> Positions | Bearings:
+    """The measurement labelled from truth at its time; where there is none, all are nobody's.
 
-    def __init__(self, filter_: Filter, track: TruthTrack) -> None:
-        self._filter = filter_
-        self._track = track
-
-    def predict(self, motion: Displacement) -> None:
-        """As the filter's."""
-        self._filter.predict(motion)
-
-    def update(self, measurement: Positions | Bearings) -> None:
-        """As the filter's, with identities; without truth at that time they are nobody's.
-
-        Those that a simulated camera or a dataset knows are kept.
-        """
-        if measurement.identities is not None:
-            self._filter.update(measurement)
-            return
-        truth = self._track.at(measurement.time)
-        if truth is None:
-            truth = Truth(measurement.time, np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
-        self._filter.update(label(measurement, truth))
-
-    def estimate(self) -> Estimate:
-        """As the filter's."""
-        return self._filter.estimate()
+    Identities that a simulated camera or a dataset knows are kept.
+    """
+    if measurement.identities is not None:
+        return measurement
+    truth = track.at(measurement.time)
+    if truth is None:
+        truth = Truth(measurement.time, np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    return label(measurement, truth)

@@ -60,7 +60,9 @@ class Row:
         return {key: _or_null(value) for key, value in asdict(self).items()}
 
 
-def match(truth: FloatArray, estimates: FloatArray, p: float, c: float) -> tuple[IntArray, ...]:
+def gospa_pairs(
+    truth: FloatArray, estimates: FloatArray, p: float, c: float
+) -> tuple[IntArray, ...]:
     """Indices (truths, estimates) of the pairs under `c` in the least sum of min(d, c)^p.
 
     truth (m, 2), estimates (n, 2), c in metres.
@@ -82,7 +84,7 @@ def gospa(
     Source: Rahmathullah, García-Fernández & Svensson 2017, eq. 1 in the form of proposition 1:
     (sum of d^p over the matched pairs + c^p / 2 (missed + false))^(1/p).
     """
-    i, j = match(truth, estimates, p, c)
+    i, j = gospa_pairs(truth, estimates, p, c)
     return _parts(np.linalg.norm(truth[i] - estimates[j], axis=1), len(truth), len(estimates), p, c)
 
 
@@ -122,10 +124,10 @@ class Accumulator:
         teammate needs.
         """
         positions = estimate.positions
-        i, j = match(truth, positions, self.p, self.c)
+        i, j = gospa_pairs(truth, positions, self.p, self.c)
         errors = positions[j] - truth[i]
         spare = np.delete(positions, j, axis=0)
-        excused = len(match(dont_care, spare, self.p, self.c)[0])
+        excused = len(gospa_pairs(dont_care, spare, self.p, self.c)[0])
         distances = np.linalg.norm(errors, axis=1)
         scored = _parts(distances, len(truth), len(positions) - excused, self.p, self.c)
         self._instants.append(scored)

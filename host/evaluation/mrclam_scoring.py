@@ -3,7 +3,7 @@
 The camera sees ±32° and a robot may stay out of it for minutes; what has not been seen for long
 cannot be known. So an observer answers only for robots that it has read in the last 5 s; the
 others and the landmarks are don't-cares. Estimates hold readings up to the instant and are carried
-to it by odometry. Matching is cut off at 1 m.
+to it by odometry. Matching is cut off at MRCLAM_CUT_OFF_M.
 """
 
 import math
@@ -16,16 +16,16 @@ from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading
 from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Row
-from host.evaluation.runner import run
+from host.evaluation.runner import estimates_at
 from host.messages import Displacement, FloatArray, IntArray, Positions
 from host.recording.mrclam import Dataset, Landmarks
 
-WARM_UP_S = 60.0
-EVERY_S = 1.0
-REMEMBER_S = 5.0  # T
-SENSORS = "camera"  # of ranges and bearings
+_WARM_UP_S = 60.0
+_EVERY_S = 1.0
+_REMEMBER_S = 5.0  # T
+_CAMERA = "camera"  # of ranges and bearings
 # m²/s: makes the clairvoyant consistent (ANEES 1) on dataset 6, where robots drive at 6.5 cm/s.
-PROCESS_NOISE = 0.0125
+_PROCESS_NOISE = 0.0125
 
 NewFilter = Callable[[], Filter]
 
@@ -33,7 +33,7 @@ NewFilter = Callable[[], Filter]
 # view is read in 0.46 of the frames at 1.5-2 m, but misses come in runs, so as independent ones
 # they weigh only a third of that. Some robots return after minutes: an estimate is given up when
 # it is known worse than 0.4 m, after 5 s or so.
-ROBOT = RobotConfig(
+MRCLAM_ROBOT = RobotConfig(
     name="mrclam",
     lidar=Lidar(
         field_of_view_rad=math.radians(64.0),
@@ -59,21 +59,21 @@ ROBOT = RobotConfig(
 )
 
 # Any filter is shown between these two: the limit and the floor.
-REFERENCES: Mapping[str, NewFilter] = {
-    "clairvoyant": lambda: Clairvoyant(PROCESS_NOISE, forget_s=REMEMBER_S),
-    "last_reading": lambda: LastReading(keep_s=REMEMBER_S, process_noise=PROCESS_NOISE),
+MRCLAM_REFERENCES: Mapping[str, NewFilter] = {
+    "clairvoyant": lambda: Clairvoyant(_PROCESS_NOISE, forget_s=_REMEMBER_S),
+    "last_reading": lambda: LastReading(keep_s=_REMEMBER_S, process_noise=_PROCESS_NOISE),
 }
 
 
-def instants(dataset: Dataset) -> list[float]:
+def scored_instants(dataset: Dataset) -> list[float]:
     """When to score, s: every second from 60 s after the start while Vicon sees all robots."""
     start, end = dataset.span
-    count = int((end - start - WARM_UP_S) / EVERY_S) + 1
-    grid = [start + WARM_UP_S + EVERY_S * k for k in range(max(0, count))]
+    count = int((end - start - _WARM_UP_S) / _EVERY_S) + 1
+    grid = [start + _WARM_UP_S + _EVERY_S * k for k in range(max(0, count))]
     return [time for time in grid if dataset.has_vicon(time)]
 
 
-def score(
+def score_observer(
     dataset: Dataset,
     observer: int,
     messages: Sequence[Displacement | Positions],
@@ -82,10 +82,10 @@ def score(
     """Run a filter on `messages`, which are the observer's of the dataset, and score it."""
     times, identities = _sightings(messages)
     scored = Accumulator(p=2.0, c=MRCLAM_CUT_OFF_M)
-    when = instants(dataset)
-    estimates = run(filter_, messages, when, scored.update_seconds)
+    when = scored_instants(dataset)
+    estimates = estimates_at(filter_, messages, when, scored.update_seconds)
     for time, estimate in zip(when, estimates, strict=True):
-        recent = identities[(times > time - REMEMBER_S) & (times <= time)]
+        recent = identities[(times > time - _REMEMBER_S) & (times <= time)]
         truth = dataset.truth(observer, time)
         wanted = np.isin(truth.identities, recent)
         others = np.concatenate(
@@ -95,7 +95,7 @@ def score(
     return scored
 
 
-def evaluate(
+def mrclam_rows(
     dataset: Dataset,
     filters: Mapping[str, NewFilter],
     landmarks: Landmarks,
@@ -106,13 +106,13 @@ def evaluate(
     for robot in dataset.robots:
         messages = dataset.messages(robot, landmarks)
         for name, new_filter in filters.items():
-            scores[name][robot] = score(dataset, robot, messages, new_filter())
+            scores[name][robot] = score_observer(dataset, robot, messages, new_filter())
     rows = []
     for name, by_robot in scores.items():
         rows += [
-            scored.row(source, str(robot), name, SENSORS) for robot, scored in by_robot.items()
+            scored.row(source, str(robot), name, _CAMERA) for robot, scored in by_robot.items()
         ]
-        rows.append(Accumulator.pooled(by_robot.values()).row(source, "all", name, SENSORS))
+        rows.append(Accumulator.pooled(by_robot.values()).row(source, "all", name, _CAMERA))
     return rows
 
 

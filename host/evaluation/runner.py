@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Iterable, Iterator, MutableSequence
+from collections.abc import Iterable, Iterator
 from time import perf_counter
 
 from host.estimator.interface import Filter
@@ -13,7 +13,7 @@ _CARRY_AT_LEAST_S = 2.0
 _KEEP_S = 10.0
 
 
-def run(
+def estimates_at(
     filter_: Filter,
     messages: Iterable[Message],
     instants: Iterable[float],
@@ -60,32 +60,3 @@ def _estimate_at(filter_: Filter, path: Path, now: float, instant: float) -> Est
     if instant > now:
         carried.predict(path.between(now, instant))
     return carried.estimate()
-
-
-class Timed:
-    """A filter that notes what each update takes, with the predict before it.
-
-    update_seconds: what is appended to.
-    """
-
-    def __init__(self, filter_: Filter, update_seconds: MutableSequence[float]) -> None:
-        self._filter = filter_
-        self._update_seconds = update_seconds
-        self._predicting = 0.0
-
-    def predict(self, motion: Displacement) -> None:
-        """As the filter's."""
-        start = perf_counter()
-        self._filter.predict(motion)
-        self._predicting += perf_counter() - start
-
-    def update(self, measurement: Positions | Bearings) -> None:
-        """As the filter's."""
-        start = perf_counter()
-        self._filter.update(measurement)
-        self._update_seconds.append(self._predicting + perf_counter() - start)
-        self._predicting = 0.0
-
-    def estimate(self) -> Estimate:
-        """As the filter's."""
-        return self._filter.estimate()

@@ -5,17 +5,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from host.estimator.interface import Filter
 from host.evaluation.labels import TruthTrack
-from host.evaluation.metrics import CUT_OFF_M, Accumulator, match
-from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions, Truth
+from host.evaluation.metrics import CUT_OFF_M, Accumulator, gospa_pairs
+from host.messages import Estimate, FloatArray, Truth
 
 RANGE_M = 2.0  # the sensing range of the thesis: who is nearer is to be reported
 BAND_M = 0.5  # a report from this border beyond the range is never false
 WARM_UP_S = 5.0  # for the first teammates to be found
 
 
-def score(
+def score_by_track(
     estimates: Iterable[Estimate],
     track: TruthTrack,
     scored: Accumulator,
@@ -43,7 +42,7 @@ def score(
 
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
     """How far each estimate (n,) is from the teammate it is matched with; nan where it is false."""
-    i, j = match(truth.positions, estimate.positions, 2.0, CUT_OFF_M)
+    i, j = gospa_pairs(truth.positions, estimate.positions, 2.0, CUT_OFF_M)
     errors = np.full(len(estimate.positions), math.nan)
     errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)
     return errors
@@ -53,36 +52,7 @@ def _spare_in_border(
     wanted: FloatArray, estimate: Estimate, scored: Accumulator, range_m: float, band_m: float
 ) -> FloatArray:
     """Estimates (k, 2) in the border that no wanted teammate (m, 2) needs."""
-    _, used = match(wanted, estimate.positions, scored.p, scored.c)
+    _, used = gospa_pairs(wanted, estimate.positions, scored.p, scored.c)
     spare = np.delete(estimate.positions, used, axis=0)
     distance = np.linalg.norm(spare, axis=1)
     return np.asarray(spare[(distance > range_m) & (distance <= range_m + band_m)])
-
-
-class AfterPositions:
-    """A filter that keeps its estimates after positions in `estimates`, not those after bearings.
-
-    So each teammate's estimate counts once a scan, whatever other sensors there are.
-    """
-
-    def __init__(self, filter_: Filter) -> None:
-        self.estimates: list[Estimate] = []
-        self._filter = filter_
-        self._of_positions = False
-
-    def predict(self, motion: Displacement) -> None:
-        """As the filter's."""
-        self._of_positions = False  # what is estimated now is of no reading
-        self._filter.predict(motion)
-
-    def update(self, measurement: Positions | Bearings) -> None:
-        """As the filter's."""
-        self._of_positions = isinstance(measurement, Positions)
-        self._filter.update(measurement)
-
-    def estimate(self) -> Estimate:
-        """As the filter's."""
-        estimate = self._filter.estimate()
-        if self._of_positions:
-            self.estimates.append(estimate)
-        return estimate

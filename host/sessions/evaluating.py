@@ -121,15 +121,15 @@ def _dataset_rows(source: str, names: Sequence[str], step: Step) -> list[Row]:
     dataset = mrclam.load(folder)
     rows: list[Row] = []
     for name in names:
-        rows += mrclam_scoring.evaluate(dataset, {name: _maker(name)}, landmarks, source)
+        rows += mrclam_scoring.mrclam_rows(dataset, {name: _maker(name)}, landmarks, source)
         step(f"{source} {name}")
     return rows
 
 
 def _maker(name: str) -> mrclam_scoring.NewFilter:
-    if name in mrclam_scoring.REFERENCES:
-        return mrclam_scoring.REFERENCES[name]
-    return lambda: profiles.make(name, mrclam_scoring.ROBOT)
+    if name in mrclam_scoring.MRCLAM_REFERENCES:
+        return mrclam_scoring.MRCLAM_REFERENCES[name]
+    return lambda: profiles.make(name, mrclam_scoring.MRCLAM_ROBOT)
 
 
 def _dataset(source: str) -> tuple[Path, Landmarks]:

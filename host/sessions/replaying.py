@@ -13,8 +13,8 @@ from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
-from host.evaluation.runner import Timed
-from host.evaluation.truth_scoring import AfterPositions, score
+from host.evaluation.monitored import MonitoredFilter
+from host.evaluation.truth_scoring import score_by_track
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 from host.recording.log import Recording
@@ -129,11 +129,14 @@ def _replay(
 ) -> dict[str, Any]:
     """Replay to the end; return the figures."""
     update_seconds: list[float] = []
-    kept = AfterPositions(Timed(profiles.make(robot.filter.profile, robot), update_seconds))
+    estimates: list[Estimate] = []
+    monitored = MonitoredFilter(
+        profiles.make(robot.filter.profile, robot), update_seconds, estimates
+    )
     tally, truths, times = Tally(), list[Truth](), list[float]()
     begin = time.monotonic()
     messages = read_as(recording, robot)
-    for message, made in _steps(messages, Localizer(robot, kept), sensors):
+    for message, made in _steps(messages, Localizer(robot, monitored), sensors):
         for watch in watchers:
             watch(message, made)
         if isinstance(message, Truth):
@@ -150,7 +153,7 @@ def _replay(
         "times_real_time": round(seconds / wall, 1),
         **tally.figures(),
         **timing(update_seconds),
-        **_scores(kept.estimates, truths),
+        **_scores(estimates, truths),
         "devices": tally.devices(),
     }
 
@@ -168,6 +171,6 @@ def _scores(estimates: Sequence[Estimate], truths: list[Truth]) -> dict[str, Any
     if not truths:
         return {}
     scored = Accumulator()
-    score(estimates, TruthTrack(sorted(truths, key=lambda truth: truth.time)), scored)
+    score_by_track(estimates, TruthTrack(sorted(truths, key=lambda truth: truth.time)), scored)
     row = scored.row("", "", "", "").as_json()
     return {name: rounded(row[name]) for name in _SCORED}

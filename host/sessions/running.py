@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from host.estimator import profiles
-from host.evaluation.runner import Timed
+from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
 from host.pipeline import Pipeline, Sink
 from host.recording.log import Recorder, RecordingHeader
@@ -55,7 +55,7 @@ def run_devices(
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
-    localizer = Localizer(rig.config, Timed(filter_, update_seconds))
+    localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds))
     tally = Tally()
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}

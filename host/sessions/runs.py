@@ -11,16 +11,16 @@ from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator import profiles
-from host.estimator.interface import Filter
-from host.evaluation.labels import Labelled, TruthTrack
+from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
-from host.evaluation.runner import Timed
-from host.evaluation.truth_scoring import AfterPositions, score
+from host.evaluation.monitored import MonitoredFilter
+from host.evaluation.truth_scoring import score_by_track
 from host.localizer import Localizer
 from host.messages import (
     Bearings,
     Bodies,
     Displacement,
+    Estimate,
     Measurement,
     Message,
     Positions,
@@ -69,16 +69,19 @@ class Run:
         """Run a filter on the messages and score its estimates after scans."""
         scored = Accumulator()
         track = TruthTrack(self.truths)
-        filter_: Filter = Timed(profiles.make(filter_name, self.config), scored.update_seconds)
-        if filter_name == CLAIRVOYANT:
-            filter_ = Labelled(filter_, track)
-        kept = AfterPositions(filter_)
-        localizer = Localizer(self.config, kept)
+        estimates: list[Estimate] = []
+        monitored = MonitoredFilter(
+            profiles.make(filter_name, self.config),
+            scored.update_seconds,
+            estimates,
+            track if filter_name == CLAIRVOYANT else None,
+        )
+        localizer = Localizer(self.config, monitored)
         for message in self.messages:
             if uses(message, sensors):
                 localizer.handle(message)
         localizer.finish()
-        score(kept.estimates, track, scored)
+        score_by_track(estimates, track, scored)
         return scored
 
 

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from host.evaluation.labels import Labelled, TruthTrack, label
-from host.messages import Bearings, Displacement, Positions, Truth
+from host.evaluation.labels import TruthTrack, label
+from host.messages import Bearings, Positions, Truth
 
 
 def some_positions(points, time=0.0):
@@ -64,29 +64,3 @@ def test_truth_is_interpolated_for_those_known_on_both_sides():
     assert track.at(0.0) is TRUTH
     assert track.at(-0.1) is None
     assert track.at(2.1) is None
-
-
-class Inbox:
-    def __init__(self):
-        self.got = []
-
-    def predict(self, motion):
-        self.got.append(motion)
-
-    def update(self, measurement):
-        self.got.append(measurement)
-
-    def estimate(self):
-        return "estimate"
-
-
-def test_a_labelled_filter_gets_identities_and_everything_else_unchanged():
-    inbox = Inbox()
-    labelled = Labelled(inbox, TruthTrack([TRUTH]))
-    step = Displacement(0.0, 0.1, 0.0, 0.0, 0.0)
-    labelled.predict(step)
-    labelled.update(some_positions([[1, 0]]))
-    labelled.update(some_positions([[1, 0]], time=9.0))
-    assert inbox.got[0] is step
-    assert [m.identities.tolist() for m in inbox.got[1:]] == [[7], [-1]]
-    assert labelled.estimate() == "estimate"

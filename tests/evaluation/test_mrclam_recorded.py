@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from host.evaluation.metrics import Accumulator
-from host.evaluation.mrclam_scoring import REFERENCES, instants, score
+from host.evaluation.mrclam_scoring import MRCLAM_REFERENCES, score_observer, scored_instants
 from host.messages import Displacement, Estimate, Positions
 from host.recording import mrclam
 
@@ -79,11 +79,13 @@ def test_limit_floor_and_silence_score_as_expected(dataset):
         for name, kind in wanted:
             if name == "silent":  # needs no odometry to say nothing
                 frames = [m for m in messages[kind] if isinstance(m, Positions)]
-                scores[name, kind].append(score(dataset, observer, frames, Silent()))
+                scores[name, kind].append(score_observer(dataset, observer, frames, Silent()))
             else:
-                scored = score(dataset, observer, messages[kind], REFERENCES[name]())
+                scored = score_observer(
+                    dataset, observer, messages[kind], MRCLAM_REFERENCES[name]()
+                )
                 scores[name, kind].append(scored)
-    assert len(instants(dataset)) > 700
+    assert len(scored_instants(dataset)) > 700
     for (name, kind), (gospa_m, tolerance) in wanted.items():
         row = Accumulator.pooled(scores[name, kind]).row("mrclam6", "all", name, kind)
         assert row.gospa_m == pytest.approx(gospa_m, abs=tolerance), row

@@ -3,7 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from host.evaluation.mrclam_scoring import REFERENCES, evaluate, instants, score
+from host.evaluation.mrclam_scoring import (
+    MRCLAM_REFERENCES,
+    mrclam_rows,
+    score_observer,
+    scored_instants,
+)
 from host.recording import mrclam
 
 # Robot 1 stands at the origin, looks along x and never moves; nor does anybody else.
@@ -39,11 +44,11 @@ def dataset(tmp_path):
 
 
 def scored(dataset, name, landmarks):
-    return score(dataset, 1, dataset.messages(1, landmarks), REFERENCES[name]())
+    return score_observer(dataset, 1, dataset.messages(1, landmarks), MRCLAM_REFERENCES[name]())
 
 
 def test_instants_start_after_a_minute_and_skip_gaps_of_vicon(dataset):
-    assert instants(dataset) == [60.0, 61.0, 63.0, 64.0]
+    assert scored_instants(dataset) == [60.0, 61.0, 63.0, 64.0]
 
 
 @pytest.mark.parametrize("landmarks", ["drop", "clutter"])
@@ -70,7 +75,7 @@ def test_the_clairvoyant_scored_by_hand(dataset):
 
 
 def test_rows_are_one_for_each_observer_and_one_for_all(dataset):
-    rows = evaluate(dataset, REFERENCES, "drop", "miniature")
+    rows = mrclam_rows(dataset, MRCLAM_REFERENCES, "drop", "miniature")
     assert [row.observer for row in rows] == ["1", "2", "3", "4", "5", "all"] * 2
     assert [row.filter for row in rows] == ["clairvoyant"] * 6 + ["last_reading"] * 6
     assert {row.source for row in rows} == {"miniature"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from host.estimator.last_reading import LastReading
-from host.evaluation.runner import Timed, run
+from host.evaluation.runner import estimates_at
 from host.messages import Displacement, Health, Positions
 
 
@@ -28,7 +28,9 @@ def test_readings_up_to_the_instant_are_carried_to_it_by_odometry():
         key=lambda message: message.time,
     )
     spent = []
-    before, at, between, after = run(LastReading(), messages, [0.95, 1.0, 1.25, 3.95], spent)
+    before, at, between, after = estimates_at(
+        LastReading(), messages, [0.95, 1.0, 1.25, 3.95], spent
+    )
     assert len(before.positions) == 0
     assert at.positions == pytest.approx(np.array([[3.0, 1.0]]))
     assert between.positions == pytest.approx(np.array([[2.875, 1.0]]))
@@ -41,8 +43,8 @@ def test_asking_leaves_no_trace():
     generator = np.random.default_rng(4)
     sightings = [seen(t, *generator.uniform(-2, 2, (2, 2))) for t in np.arange(0.33, 8.0, 0.7)]
     messages = sorted([*driving(0, 8, 0.3, 0.8), *sightings], key=lambda message: message.time)
-    often = list(run(LastReading(), messages, np.arange(1.0, 8.1, 0.25).tolist(), []))
-    once = list(run(LastReading(), messages, [8.0], []))
+    often = list(estimates_at(LastReading(), messages, np.arange(1.0, 8.1, 0.25).tolist(), []))
+    once = list(estimates_at(LastReading(), messages, [8.0], []))
     assert np.array_equal(often[-1].positions, once[0].positions)
     assert np.array_equal(often[-1].covariances, once[0].covariances)
 
@@ -50,22 +52,11 @@ def test_asking_leaves_no_trace():
 def test_a_minute_without_readings_does_not_lose_the_way():
     turn_rate = 2.0 * math.pi / 60.0
     messages = [seen(0.0, [1.0, 0.0]), *driving(0.0, 60.0, 0.0, turn_rate)]
-    (half, whole) = run(LastReading(keep_s=1e9), messages, [30.0, 60.0], [])
+    (half, whole) = estimates_at(LastReading(keep_s=1e9), messages, [30.0, 60.0], [])
     assert half.positions == pytest.approx(np.array([[-1.0, 0.0]]), abs=1e-9)
     assert whole.positions == pytest.approx(np.array([[1.0, 0.0]]), abs=1e-9)
 
 
 def test_other_messages_are_passed_over_and_late_instants_still_answered():
     messages = [Health(0.0, "lidar", True, "", {}), seen(1.0, [1.0, 1.0])]
-    assert len(list(run(LastReading(), messages, [2.0, 3.0], []))) == 2
-
-
-def test_timed_notes_each_update_with_its_predict():
-    spent = []
-    timed = Timed(LastReading(), spent)
-    timed.predict(Displacement(0.1, 0.1, 0.0, 0.0, 0.0))
-    timed.update(seen(0.1, [1.0, 0.0]))
-    timed.update(seen(0.1))
-    assert len(spent) == 2
-    assert all(value > 0.0 for value in spent)
-    assert len(timed.estimate().positions) == 1
+    assert len(list(estimates_at(LastReading(), messages, [2.0, 3.0], []))) == 2

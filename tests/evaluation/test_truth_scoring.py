@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from host.estimator.last_reading import LastReading
 from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
-from host.evaluation.truth_scoring import AfterPositions, score
-from host.messages import Bearings, Displacement, Estimate, Positions, Truth
+from host.evaluation.truth_scoring import score_by_track
+from host.messages import Estimate, Truth
 
 
 def an_estimate(time, *points):
@@ -23,7 +22,7 @@ def scored_row(teammates, *estimates):
     who = np.arange(len(teammates))
     track = TruthTrack([Truth(t, who, teammates) for t in (0.0, 10.0)])
     scored = Accumulator()
-    score(estimates, track, scored, range_m=2.0, band_m=0.5, warm_up_s=5.0)
+    score_by_track(estimates, track, scored, range_m=2.0, band_m=0.5, warm_up_s=5.0)
     return scored.row("", "", "", "")
 
 
@@ -68,19 +67,3 @@ def test_what_stands_in_the_border_is_never_false():
 def test_an_estimate_in_the_border_that_a_teammate_needs_excuses_no_other():
     assert parts([[1.95, 0.0]], [2.05, 0.0]) == (0.0, 0.0)
     assert parts([[1.95, 0.0]], [2.05, 0.0], [1.6, 0.0]) == (0.0, 1.0)
-
-
-def test_estimates_count_after_positions_alone():
-    positions = Positions(1.0, np.array([[1.0, 0.0]]), np.eye(2)[None])
-    bearings = Bearings(1.1, np.zeros(1), np.ones(1))
-    kept = AfterPositions(LastReading())
-    kept.update(positions)
-    first = kept.estimate()
-    kept.predict(Displacement(1.1, 0.1, 0.0, 0.0, 0.0))
-    kept.update(bearings)
-    kept.estimate()
-    kept.update(positions)
-    last = kept.estimate()
-    kept.predict(Displacement(2.1, 1.0, 0.0, 0.0, 0.0))
-    kept.estimate()  # nothing was measured since
-    assert [id(e) for e in kept.estimates] == [id(first), id(last)]

@@ -1,15 +1,15 @@
-"""The GM-PHD filter beside Stone Soup's: the same scans, in turns, in one process.
+"""The GM-PHD filter beside Stone Soup's: the same scans, alternating, in one process.
 
 The scene: n targets on a slow random walk in a square of 1.8 m² a target (20 in 6x6 m), the
 observer standing in its middle; every scan (7 Hz) detects each with probability 0.9 and a noise
-of 5 cm, amid false alarms of constant density: 5 a scan at n = 20, so n / 4. Both filters are told
+of 5 cm, amid false alarms of constant density: 5 a scan at n = 20, so n / 4. Both filters know
 just that. Stone Soup's is the GM-PHD of its gallery (PHDUpdater, GaussianMixtureHypothesiser over
 a DistanceHypothesiser, GaussianMixtureReducer), as it stands and with its KD-trees. Of the trees,
 the distance limit grows with a component's covariance: a fixed one would cut off the wide birth.
 
 Times are CPU times of one scan: predict, update and estimate; ours also `update` alone. They were
-taken in turns with Stone Soup's (`interleaved`) and then, over more scans, by ourselves (`alone`).
-GOSPA (c = 0.5 m) is the mean over the interleaved scans. What Stone Soup leaves
+taken alternating with Stone Soup's (`interleaved`) and then, over more scans, by ourselves (`alone`).
+GOSPA is the mean over the interleaved scans. What Stone Soup leaves
 out: occlusion, blind sectors, detection by place, kinds of things, bearings, memory.
 """
 
@@ -58,7 +58,7 @@ SURVIVAL_S = 30.0
 PRUNE_WEIGHT = 1e-3  # less costs Stone Soup time and gains it nothing
 WARM_UP = 4  # scans that do not count
 
-# Scans taken in turns, by number of targets: the last cost Stone Soup seconds each.
+# Scans taken alternating, by number of targets: the last cost Stone Soup seconds each.
 SCANS = {4: 104, 20: 64, 100: 14, 500: 6}
 SCANS_ALONE = 300
 
@@ -224,7 +224,7 @@ class Row:
 
 
 def measure(scene: Scene, scans: int, alone: int) -> Row:
-    """All three over `scans` scans in turns, then ours over `alone` more."""
+    """All three over `scans` scans, alternating, then ours over `alone` more."""
     ours = Ours()
     plain, trees = StoneSoup(scene, trees=False), StoneSoup(scene, trees=True)
     stream = scene.scans()
@@ -237,7 +237,7 @@ def measure(scene: Scene, scans: int, alone: int) -> Row:
         if index >= WARM_UP:
             times.append((whole, update, plain_spent, trees_spent))
             everyone = (found, found_plain, found_trees)
-            scores.append([gospa(truth, positions, c=0.5).distance for positions in everyone])
+            scores.append([gospa(truth, positions).distance for positions in everyone])
     own = []
     for _ in range(alone):
         now, _, readings = next(stream)

@@ -1,0 +1,56 @@
+"""A filter with what an evaluation needs around it: timing, labels from truth, kept estimates."""
+
+from collections.abc import MutableSequence
+from time import perf_counter
+
+from host.estimator.interface import Filter
+from host.evaluation.labels import TruthTrack, label_by_track
+from host.messages import Bearings, Displacement, Estimate, Positions
+
+
+class MonitoredFilter:
+    """Passes everything on to a filter (see `host.estimator.interface.Filter`) and takes notes.
+
+    update_seconds: what each update takes, with the predict before it, is appended.
+    estimates: those made right after positions are appended, not those after bearings; so each
+    teammate's estimate counts once a scan, whatever other sensors there are.
+    track: truth from which each reading gets its identity; None: readings stay as they are.
+    """
+
+    def __init__(
+        self,
+        filter_: Filter,
+        update_seconds: MutableSequence[float],
+        estimates: MutableSequence[Estimate] | None = None,
+        track: TruthTrack | None = None,
+    ) -> None:
+        self._filter = filter_
+        self._update_seconds = update_seconds
+        self._estimates = estimates
+        self._track = track
+        self._predicting = 0.0
+        self._after_positions = False
+
+    def predict(self, motion: Displacement) -> None:
+        """As the filter's."""
+        self._after_positions = False  # what is estimated now belongs to no reading
+        start = perf_counter()
+        self._filter.predict(motion)
+        self._predicting += perf_counter() - start
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """As the filter's."""
+        self._after_positions = isinstance(measurement, Positions)
+        if self._track is not None:
+            measurement = label_by_track(measurement, self._track)
+        start = perf_counter()
+        self._filter.update(measurement)
+        self._update_seconds.append(self._predicting + perf_counter() - start)
+        self._predicting = 0.0
+
+    def estimate(self) -> Estimate:
+        """As the filter's."""
+        estimate = self._filter.estimate()
+        if self._estimates is not None and self._after_positions:
+            self._estimates.append(estimate)
+        return estimate
