@@ -8,8 +8,8 @@ a DistanceHypothesiser, GaussianMixtureReducer), as it stands and with its KD-tr
 the distance limit grows with a component's covariance: a fixed one would cut off the wide birth.
 
 Times are CPU times of one scan: predict, update and estimate; ours also `update` alone. They were
-taken alternating with Stone Soup's (`interleaved`) and then, over more scans, by ourselves (`alone`).
-GOSPA is the mean over the interleaved scans. What Stone Soup leaves
+taken alternating with Stone Soup's (`interleaved`) and then, over more scans, by ourselves
+(`alone`). GOSPA is the mean over the interleaved scans. What Stone Soup leaves
 out: occlusion, blind sectors, detection by place, kinds of things, bearings, memory.
 """
 
