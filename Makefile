@@ -10,10 +10,11 @@
 #   make bench                     speed beside other software
 #   make test-lowest               every test, with the oldest dependencies allowed
 #
-# PYTHON=/path/to/python chooses the interpreter.
+# PYTHON=/path/to/python chooses the interpreter, VENV=/path/to/folder where its packages go.
 
 SCENARIO ?= arena4
-BIN := .venv/bin
+VENV ?= .venv
+BIN := $(VENV)/bin
 # Two at a time, a file each: tests of live runs would get into each other's way on more.
 PYTEST := -m pytest -q -n 2 --dist loadfile
 
@@ -23,34 +24,34 @@ export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: run flash test lint bench test-lowest clean
 
-run: .venv/ready-run
+run: $(VENV)/ready-run
 	$(BIN)/swarmloc run --simulate $(SCENARIO) $(if $(SECONDS),--seconds $(SECONDS))
 
-flash: .venv/ready-firmware
+flash: $(VENV)/ready-firmware
 	$(BIN)/swarmloc flash $(if $(PORT),--port $(PORT))
 
-test: .venv/ready-test
+test: $(VENV)/ready-test
 	$(BIN)/python $(PYTEST)
 
-lint: .venv/ready-dev
+lint: $(VENV)/ready-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check host tests tools
 	$(BIN)/mypy
 
-bench: .venv/ready-bench
+bench: $(VENV)/ready-bench
 	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
 
 test-lowest: .venv-lowest/ready-test
 	.venv-lowest/bin/python $(PYTEST)
 
-.venv/ready-run: pyproject.toml tools/setup
-	@PYTHON="$(PYTHON)" tools/setup .venv
+$(VENV)/ready-run: pyproject.toml tools/setup
+	@PYTHON="$(PYTHON)" tools/setup $(VENV)
 
-.venv/ready-%: pyproject.toml tools/setup
-	@PYTHON="$(PYTHON)" tools/setup .venv $*
+$(VENV)/ready-%: pyproject.toml tools/setup
+	@PYTHON="$(PYTHON)" tools/setup $(VENV) $*
 
 .venv-lowest/ready-%: pyproject.toml tools/setup tools/lowest-versions.txt
 	@PYTHON="$(PYTHON)" tools/setup .venv-lowest $* tools/lowest-versions.txt
 
 clean:
-	rm -rf .venv .venv-lowest build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-lowest .mypy_cache .ruff_cache .pytest_cache .hypothesis
