@@ -182,3 +182,17 @@ def test_beyond_its_end_the_path_is_known_less_by_the_second():
     assert (late.dx, late.dpsi) == (0.0, 0.0)
     assert 0.0 < 2.0 * late.translation_variance == pytest.approx(later.translation_variance)
     assert 0.0 < 2.0 * late.heading_variance == pytest.approx(later.heading_variance)
+
+
+@pytest.mark.parametrize("seconds", [0.02, 0.1, 0.5, 3.0])
+def test_a_hole_adds_variance_by_the_second_as_the_end_does(seconds):
+    """A random walk: n intervals of one second are as uncertain as one of n seconds."""
+    holed, ended = Path(), Path()
+    for path in (holed, ended):
+        path.append(Displacement(1.0, 1.0, 0.0, 0.0, 0.0))
+    holed.append(Displacement(2.0 + seconds, 1.0, 0.0, 0.0, 0.0))
+    unsure = holed.between(1.0, 2.0 + seconds)
+    a_second = ended.between(1.0, 2.0)
+    assert unsure.translation_variance == pytest.approx(seconds * a_second.translation_variance)
+    assert unsure.heading_variance == pytest.approx(seconds * a_second.heading_variance)
+    assert (a_second.translation_variance, a_second.heading_variance) == (0.015, 0.1)

@@ -327,3 +327,25 @@ def test_what_comes_late_after_a_silence_is_used_in_order() -> None:
     assert [m.time for m in notes.measured] == [0.1, 19.1, 19.9]
     assert [m.time for m in notes.motions] == sorted(m.time for m in notes.motions)
     assert ours.dropped == 0
+
+
+def test_whenever_a_silence_ends_what_is_less_than_a_second_late_is_in_order() -> None:
+    for end in np.arange(18.0, 20.5, 0.1):
+        ours, notes = localizer()
+        late = empty(float(end) - 0.9)
+        handle_all(ours, [empty(0.1), *standing(float(end)), late])
+        assert notes.measured[-1] is late, end  # at its own time: nothing had to be carried
+        assert ours.dropped == 0
+
+
+def test_what_was_old_when_it_came_keeps_its_age() -> None:
+    """A picture that was carried once already, and the same with positions."""
+    ours, notes = localizer()
+    handle_all(ours, [*standing(1.0), empty(1.0)])
+    old = dataclasses.replace(positions_at(0.9), lags=np.array([0.0, 0.2, 0.3]))
+    handle_all(ours, [dataclasses.replace(bearings_at(0.9), lag=0.25), old])
+    _, bearings, positions = notes.measured
+    assert isinstance(bearings, Bearings)
+    assert isinstance(positions, Positions)
+    assert bearings.lag == pytest.approx(0.35)
+    assert positions.lags == pytest.approx([0.1, 0.3, 0.4])

@@ -64,8 +64,8 @@ def merge(state: FloatArray, group: IntArray, settings: FilterSettings) -> Float
 def _leaders(rows: FloatArray, group: IntArray, merge_distance: float) -> IntArray:
     """The component (N,) that each merges into: the heaviest of its group, or itself if far off.
 
-    Far off is a squared distance of more than merge_distance times the mean variance of both,
-    which is half the sum of their traces over two axes each.
+    Far off: the squared distance is more than merge_distance times the variance of the difference,
+    tr(P1 + P2) / 2; of round covariances that is the squared Mahalanobis distance.
     """
     order = existence(rows).argsort()
     leader = np.empty(len(group), dtype=np.int64)

@@ -3,12 +3,14 @@ import math
 import numpy as np
 import pytest
 
+from host.estimator.last_reading import LastReading
 from host.evaluation.mrclam_scoring import (
     MRCLAM_REFERENCES,
     mrclam_rows,
     score_observer,
     scored_instants,
 )
+from host.messages import Positions
 from host.recording import mrclam
 
 # Robot 1 stands at the origin, looks along x and never moves; nor does anybody else.
@@ -72,6 +74,13 @@ def test_the_clairvoyant_scored_by_hand(dataset):
     row = scored(dataset, "clairvoyant", "clutter").row("", "", "", "")
     assert row.gospa_m == pytest.approx((0.5 + 0.5 + 0.0 + 0.0) / 4)
     assert (row.missed, row.false) == (0.0, 0.0)
+
+
+def test_a_robot_is_to_be_reported_after_it_was_read_not_before(dataset):
+    read = Positions(62.5, np.array([[3.0, 0.0]]), 0.01 * np.eye(2)[None], identities=np.array([2]))
+    forgets = LastReading(keep_s=0.0)
+    row = score_observer(dataset, 1, [read], forgets).row("", "", "", "")
+    assert row.missed == (0 + 0 + 1 + 1) / 4  # at 60, 61, 63 and 64 s
 
 
 def test_rows_are_one_for_each_observer_and_one_for_all(dataset):
