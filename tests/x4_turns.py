@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from host.drivers.x4.packets import UNITS_PER_TURN, angle_correction, encode_packet, encode_turn
+from host.drivers.x4.packets import (
+    UNITS_PER_REVOLUTION,
+    angle_correction,
+    encode_packet,
+    encode_revolution,
+)
 
 NEXT_TURN = encode_packet(np.array([0]), 0, 0, True)  # tells a decoder that a turn is complete
 
@@ -33,9 +38,11 @@ def recorded_turns(file: Path, limit: int | None = None) -> Iterator[RecordedTur
     for points in list(turns.values())[:limit]:
         angles, ranges = np.array(points).T
         raw = np.degrees(angles - angle_correction(ranges)) * 64.0
-        units = np.rint(np.unwrap(raw, period=UNITS_PER_TURN)).astype(int)
+        units = np.rint(np.unwrap(raw, period=UNITS_PER_REVOLUTION)).astype(int)
         steps = np.diff(units)
         if steps.min() < 30 or steps.max() > 60:
             continue  # the vendor's driver lost a packet there
         samples = np.rint(ranges * 4000.0).astype(int)
-        yield RecordedTurn(angles, ranges, b"".join(encode_turn(units % UNITS_PER_TURN, samples)))
+        yield RecordedTurn(
+            angles, ranges, b"".join(encode_revolution(units % UNITS_PER_REVOLUTION, samples))
+        )

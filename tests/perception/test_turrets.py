@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from host.config import Lidar
-from host.drivers.x4.packets import UNIT_RAD, UNITS_PER_TURN, encode_turn
+from host.drivers.x4.packets import UNIT_RAD, UNITS_PER_REVOLUTION, encode_revolution
 from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import SECTORS, Path
 from host.messages import Positions, Scan
@@ -74,13 +74,15 @@ def test_the_centre_is_that_of_the_cylinder_not_of_its_visible_arc(
 
 @pytest.mark.parametrize("distance", [0.3, 1.0, 1.7, 2.4])
 def test_through_the_bytes_of_an_x4(distance: float) -> None:
-    raw_units = np.rint(346.6 * 64 + np.arange(714) * UNITS_PER_TURN / 714).astype(int)
+    raw_units = np.rint(346.6 * 64 + np.arange(714) * UNITS_PER_REVOLUTION / 714).astype(int)
     beams = x4_beams(raw_units * UNIT_RAD, np.zeros((714, 3)), (0.0, 0.0, 0.0))
     for bearing in BEARINGS[::4]:
         place = polar(distance, bearing)
         ways = Scene([turret(place)], ROOM).distances(beams.origins, beams.directions)
         ranges = np.hypot(*(beams.origins + ways[:, None] * beams.directions).T)
-        packets = encode_turn(raw_units % UNITS_PER_TURN, np.rint(ranges * 4000).astype(int))
+        packets = encode_revolution(
+            raw_units % UNITS_PER_REVOLUTION, np.rint(ranges * 4000).astype(int)
+        )
         (scan,) = ScanDecoder().feed(b"".join(packets) + NEXT_TURN, 0.0)
         assert np.hypot(*(only_one(find(scan)) - place)) < 0.006, f"bearing {bearing}"
 

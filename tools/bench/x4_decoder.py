@@ -25,7 +25,7 @@ import lds2d.drivers.ydlidar
 import numpy as np
 import PyLidar3
 
-from host.drivers.x4.packets import UNITS_PER_TURN, encode_turn
+from host.drivers.x4.packets import UNITS_PER_REVOLUTION, encode_revolution
 from host.drivers.x4.protocol import ScanDecoder
 
 CHUNK = 512
@@ -40,9 +40,9 @@ def make_stream(turns: int, seed: int) -> tuple[bytes, int]:
     points = 0
     for _ in range(turns):
         n = int(random.integers(560, 621))
-        angles = np.rint(346.6 * 64 + np.arange(n) * UNITS_PER_TURN / n).astype(int)
+        angles = np.rint(346.6 * 64 + np.arange(n) * UNITS_PER_REVOLUTION / n).astype(int)
         samples = 4 * random.integers(120, 9000, n) * (random.random(n) > 1 / 3)
-        packets += encode_turn(angles % UNITS_PER_TURN, samples, 5000.0 / n)
+        packets += encode_revolution(angles % UNITS_PER_REVOLUTION, samples, 5000.0 / n)
         points += n
     return b"".join(packets), points
 

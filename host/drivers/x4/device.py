@@ -197,7 +197,7 @@ class X4:
                 f"{100 * share:.0f} % of the packets are damaged: use a short cable and a supply "
                 "of 1 A or more, and close other programs on the port"
             )
-        rate_hz = self._decoder.turn_rate_hz
+        rate_hz = self._decoder.speed_hz
         words = [f"scanning at {rate_hz:.1f} turns/s" if rate_hz else "scanning"]
         if info is not None:
             words.append(f"firmware {info.firmware}")

@@ -2,10 +2,12 @@
 
     AA 55 | CT | LSN | FSA (2) | LSA (2) | CS (2) | Si (2) x LSN        little-endian
 
-CT bit 0: first packet of a turn, with LSN = 1 and turns per second x 10 in CT bits 7:1.
+CT bit 0: first packet of a revolution, then with revolutions per second x 10 in CT bits 7:1. In
+other packets CT bits 7:1 are for the vendor's debugging. LSN: samples, 1 to 40; the X4 sends 1 in
+the first packet of a revolution, other firmware as many as in any.
 FSA, LSA: clockwise angle of the first and last sample in 1/64 deg, shifted left by one, bit 0
 set. Si: range in 1/4 mm, 0 = no return. CS makes the XOR of all 16-bit words of a packet 0.
-Source: YDLidar X4 Development Manual 1.6, section 4.
+Source: YDLidar X4 Development Manual 1.6, section 4; the vendor's SDK where devices differ.
 """
 
 import itertools
@@ -24,10 +26,10 @@ SAMPLE_RATE_HZ = 5000.0
 HEADER = b"\xaa\x55"
 HEADER_LENGTH = 10
 MAX_SAMPLES = 40
-UNITS_PER_TURN = 360 * 64
-UNIT_RAD = 2.0 * math.pi / UNITS_PER_TURN
+UNITS_PER_REVOLUTION = 360 * 64
+UNIT_RAD = 2.0 * math.pi / UNITS_PER_REVOLUTION
 STEP_M = 0.00025  # one unit of Si
-# 12 turns/s, the motor's fastest, make 0.86 deg a sample; beyond 2 deg the angles are damaged.
+# At 12 revolutions/s, the motor's fastest, a sample is 0.86 deg; beyond 2 deg the angles are wrong.
 _MAX_UNITS_PER_SAMPLE = 128
 # The emitter sits 21.8 mm beside the axis and its beam crosses the axis' plane at 155.3 mm.
 EMITTER_OFFSET_M = 0.0218
@@ -53,33 +55,33 @@ def angle_correction(ranges: ArrayLike) -> FloatArray:
 class PacketHeader(NamedTuple):
     """The fields of a packet that looks sound.
 
-    turn_rate: in 0.1 turns a second, of the first packet of a turn, where the lidar tells it.
+    speed_tenths: in 0.1 revolutions a second, in the first packet of one; 0 where not reported.
     size: samples; first: raw angle of the first, 1/64 deg; span: from there to the last one.
     """
 
-    starts_turn: bool
-    turn_rate: int
+    starts_revolution: bool
+    speed_tenths: int
     size: int
     first: int
     span: int
 
 
-def _read_header(data: bytes, start: int) -> PacketHeader | None:
+def read_header(data: bytes, start: int) -> PacketHeader | None:
     """The fields of the packet at `start` (10 bytes must be there); None for what no X4 sends."""
     _, kind, size, fsa, lsa, _ = _LAYOUT.unpack_from(data, start)
     first = fsa >> 1
     last = lsa >> 1
-    span = (last - first) % UNITS_PER_TURN
+    span = (last - first) % UNITS_PER_REVOLUTION
     if (
-        (kind != 0 and (size != 1 or not kind & 1))
-        or not 1 <= size <= MAX_SAMPLES
+        not 1 <= size <= MAX_SAMPLES
         or not fsa & lsa & 1
-        or first > UNITS_PER_TURN
-        or last > UNITS_PER_TURN
+        or first > UNITS_PER_REVOLUTION
+        or last > UNITS_PER_REVOLUTION
         or span > _MAX_UNITS_PER_SAMPLE * size
     ):
         return None
-    return PacketHeader(kind & 1 == 1, kind >> 1, size, first, span)
+    starts = kind & 1 == 1
+    return PacketHeader(starts, kind >> 1 if starts else 0, size, first, span)
 
 
 def xor_of_words(data: bytes) -> int:
@@ -100,7 +102,7 @@ def read_packet(data: bytes, start: int) -> PacketHeader | str | None:
     """
     if len(data) < start + HEADER_LENGTH:
         return None
-    header = _read_header(data, start)
+    header = read_header(data, start)
     if header is None:
         return "implausible_packets"
     end = start + HEADER_LENGTH + 2 * header.size
@@ -108,7 +110,9 @@ def read_packet(data: bytes, start: int) -> PacketHeader | str | None:
         return None
     if xor_of_words(data[start:end]):
         return "checksum_errors"
-    wrong = False if header.starts_turn else _is_wrong_inside(data, start, header.size)
+    # One sample cannot hide another packet or a wrong length.
+    single = header.starts_revolution and header.size == 1
+    wrong = False if single else _is_wrong_inside(data, start, header.size)
     if wrong is None:
         return None
     return "implausible_packets" if wrong else header
@@ -138,7 +142,7 @@ def _holds_packet(data: bytes, start: int, end: int) -> bool | None:
     while inner >= 0:
         if len(data) < inner + HEADER_LENGTH:
             return None
-        header = _read_header(data, inner)
+        header = read_header(data, inner)
         if header is not None:
             inner_end = inner + HEADER_LENGTH + 2 * header.size
             if len(data) < inner_end:
@@ -175,11 +179,11 @@ def _should_be_longer(data: bytes, start: int, size: int) -> bool | None:
 
 
 def encode_packet(
-    samples: IntArray, first: int, last: int, starts_turn: bool = False, turn_rate_hz: float = 0.0
+    samples: IntArray, first: int, last: int, starts_revolution: bool = False, speed_hz: float = 0.0
 ) -> bytes:
     """One packet. samples (n,) in 1/4 mm, 1 <= n <= 40; first, last raw angle in 1/64 deg."""
-    kind = 1 | round(turn_rate_hz * 10.0) << 1 if starts_turn else 0
-    fsa, lsa = (angle % UNITS_PER_TURN << 1 | 1 for angle in (first, last))
+    kind = 1 | round(speed_hz * 10.0) << 1 if starts_revolution else 0
+    fsa, lsa = (angle % UNITS_PER_REVOLUTION << 1 | 1 for angle in (first, last))
     content = np.asarray(samples).astype("<u2").tobytes()
     marker = int.from_bytes(HEADER, "little")
     unchecked = _LAYOUT.pack(marker, kind, len(samples), fsa, lsa, 0)
@@ -187,15 +191,15 @@ def encode_packet(
     return _LAYOUT.pack(marker, kind, len(samples), fsa, lsa, check) + content
 
 
-def encode_turn(angles: IntArray, samples: IntArray, turn_rate_hz: float = 0.0) -> list[bytes]:
-    """The packets of one turn: 1 sample, then 40 each, the last one short.
+def encode_revolution(angles: IntArray, samples: IntArray, speed_hz: float = 0.0) -> list[bytes]:
+    """The packets of one revolution: 1 sample, then 40 each, the last one short.
 
     angles (n,): raw, in 1/64 deg, of which a packet keeps its first and last. samples (n,): 1/4 mm.
     """
     bounds = [0, *range(1, len(angles), MAX_SAMPLES), len(angles)]
     return [
         encode_packet(
-            samples[begin:end], int(angles[begin]), int(angles[end - 1]), begin == 0, turn_rate_hz
+            samples[begin:end], int(angles[begin]), int(angles[end - 1]), begin == 0, speed_hz
         )
         for begin, end in itertools.pairwise(bounds)
     ]

@@ -1,12 +1,10 @@
-"""YDLidar X4: bytes → turns. Pure and incremental; never raises on garbage, counts it.
+"""YDLidar X4: bytes → scans. Pure and incremental; never raises on garbage, counts it.
 
-The lidar's words are in x4_packets.py (samples) and x4_commands.py (everything else).
+The formats are in packets.py (samples) and commands.py (everything else).
 """
 
 import math
 import re
-
-import numpy as np
 
 from host.drivers.x4.commands import REPLY_HEADER, Reply, parse_reply, reply_length
 from host.drivers.x4.packets import (
@@ -15,110 +13,26 @@ from host.drivers.x4.packets import (
     HEADER,
     HEADER_LENGTH,
     SAMPLE_RATE_HZ,
-    STEP_M,
-    UNIT_RAD,
-    UNITS_PER_TURN,
+    UNITS_PER_REVOLUTION,
     PacketHeader,
-    angle_correction,
     read_packet,
 )
+from host.drivers.x4.revolution import Revolution
+from host.drivers.x4.sample_clock import Delay, SampleClock
 from host.messages import Scan
 
 _STARTS = re.compile(re.escape(HEADER) + b"|" + re.escape(REPLY_HEADER))
 _SECONDS_PER_BYTE = BITS_PER_BYTE / BAUDRATE
-# Range and correction of every Si there can be: looked up, an arctangent costs seven times more.
-_RANGES = np.arange(65536, dtype=np.float64) * STEP_M
-_CORRECTIONS = angle_correction(_RANGES)
-
-
-class SampleClock:
-    """When each sample was taken: samples counted at 5000 a second, tied to arrivals.
-
-    A byte can only arrive late, so the earliest arrivals tell the offset between the count and
-    the host's clock; delays of USB and of the scheduler do not enter. The offset may rise by 1 %,
-    which follows a lidar that is slower than it should be by as much. A busy host has caught up
-    after `BEHIND_S`; where all arrivals stay `BEHIND_BY_S` late for longer, the lidar has paused.
-    """
-
-    RISE = 0.01
-    LATE_S = 1.0
-    LATE_AFTER_LOSS_S = 0.1
-    BEHIND_S = 0.5
-    BEHIND_BY_S = 0.02
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.offset: float | None = None
-        # Since when all arrivals are late, and the least offset they tell.
-        self._behind: tuple[float, float] | None = None
-
-    def advance(self, samples: int, arrival: float, lost: int | None) -> bool:
-        """Count `samples` that were complete at `arrival`, after `lost` ones (None: nothing lost).
-
-        False where the time between is unknown, so that the clock starts anew.
-        """
-        step = samples + (lost or 0)
-        self.count += step
-        offset = arrival - (self.count - 1) / SAMPLE_RATE_HZ
-        if self.offset is None:
-            self.offset = offset
-            return True
-        late = offset - self.offset
-        if late > (self.LATE_S if lost is None else self.LATE_AFTER_LOSS_S):
-            self.offset, self._behind = offset, None
-            return False
-        if late <= self.BEHIND_BY_S:
-            self._behind = None
-        else:
-            since, least = self._behind or (arrival, offset)
-            self._behind = since, min(least, offset)
-            if arrival > since + self.BEHIND_S:
-                self.offset, self._behind = self._behind[1], None
-                return False
-        self.offset = min(offset, self.offset + self.RISE * step / SAMPLE_RATE_HZ)
-        return True
-
-
-class _Turn:
-    """Packets of one turn, kept as they came until the turn is complete."""
-
-    def __init__(self, first: int, whole: bool, by_angle: bool = False) -> None:
-        self.first = first  # raw angle it began at, 1/64 deg
-        self.by_angle = by_angle  # its first packet was lost: it began by passing that angle
-        self.torn = not whole
-        self.phase = 0  # 1/64 deg from the turn's first sample to the last packet's
-        self.contents: list[bytes] = []
-        self.sizes: list[int] = []
-        self.total = 0
-        # A packet's angle (rad, counter-clockwise, without correction), its step from sample to
-        # sample, and the count of samples, each taken back to the turn's first sample.
-        self.lines: list[tuple[float, float, int]] = []
-
-    def add(self, header: PacketHeader, content: bytes, count: int) -> None:
-        """Add a packet, `count` samples having been counted before it."""
-        begin, size = self.total, header.size
-        step = -UNIT_RAD * header.span / (size - 1) if size > 1 else 0.0
-        self.lines.append((-UNIT_RAD * header.first - step * begin, step, count - begin))
-        self.contents.append(content)
-        self.sizes.append(size)
-        self.total += size
-
-    def to_scan(self, offset: float) -> Scan:
-        """The turn with both angle corrections, counter-clockwise, at host time."""
-        samples = np.frombuffer(b"".join(self.contents), dtype="<u2").astype(np.intp)
-        number = np.arange(float(self.total))
-        angle, step, count = np.repeat(np.array(self.lines), self.sizes, axis=0).T
-        angles = angle + step * number
-        angles -= _CORRECTIONS.take(samples)
-        angles[angles < -math.pi] += 2.0 * math.pi
-        times = offset + (count + number) / SAMPLE_RATE_HZ
-        return Scan(float(times[-1]), times, angles, _RANGES.take(samples))
+# An angle that lies so little behind the expected one is no loss of most of a revolution.
+_BACKWARD_UNITS = 320
+_START_JITTER_UNITS = 40  # by which revolutions begin at different angles
 
 
 class ScanDecoder:
     """Turns the byte stream of an X4, cut anywhere, into scans and replies.
 
-    counts: by name, since the start. turn_rate_hz: as the lidar tells it, 0 where it does not.
+    counts: by name, since the start. speed_hz: revolutions a second as the lidar reports them, 0
+    where it does not. motor_hz: the same by the angles of the last revolution.
     A packet is held back until its checksum is right and what follows it does not speak against
     its length; after a bad one the search goes on right behind its header, so that damage costs
     the packets it touches and no other.
@@ -141,7 +55,7 @@ class ScanDecoder:
             ),
             0,
         )
-        self.turn_rate_hz = 0.0
+        self.speed_hz = self.motor_hz = 0.0
         self._replies: list[Reply] = []
         self.reset()
 
@@ -150,9 +64,13 @@ class ScanDecoder:
         self._buffer = b""
         self._arrivals: list[tuple[int, float]] = []  # (end in the buffer, when) of each chunk
         self._clock = SampleClock()
-        self._turn = _Turn(0, whole=False)
-        self._previous: PacketHeader | None = None
-        self._damaged = False  # something was dropped since the last good packet
+        self._revolution = Revolution(torn=True)
+        self._done: list[Revolution] = []  # complete, but not yet handed out
+        self._end = 0  # of the last packet, 1/64 deg
+        self._step = 0.0  # from sample to sample
+        self._largest_gap = math.inf  # between packets of which none is missing
+        self._delay: Delay | None = None
+        self._delayed: list[tuple[Revolution, int]] = []  # and from which packet on
 
     def take_replies(self) -> list[Reply]:
         """Replies to commands that came since the last call, oldest first."""
@@ -160,7 +78,7 @@ class ScanDecoder:
         return replies
 
     def feed(self, data: bytes, arrival: float) -> list[Scan]:
-        """Take the next bytes, read at host time `arrival` (s); return the turns they complete."""
+        """Take the next bytes, read at host time `arrival` (s); return completed scans."""
         if not data:
             return []
         self.counts["bytes"] += len(data)
@@ -197,9 +115,7 @@ class ScanDecoder:
             position += length
 
     def _skip(self, length: int) -> None:
-        if length:
-            self.counts["bytes_skipped"] += length
-            self._damaged = True
+        self.counts["bytes_skipped"] += length
 
     def _read_reply(self, start: int) -> int | None:
         """Length of the reply at `start`; 0 where there is none, None where it is incomplete."""
@@ -234,49 +150,108 @@ class ScanDecoder:
         return length
 
     def _accept(self, header: PacketHeader, content: bytes, sent: float, scans: list[Scan]) -> None:
-        """Add a sound packet, which was `sent` at the latest, to its turn."""
-        self.counts["packets"] += 1
-        self.counts["points"] += header.size
-        lost = self._lost_before(header) if self._damaged else None
-        if not self._clock.advance(header.size, sent, lost):
+        """Add a sound packet, which was `sent` at the latest, to its revolution."""
+        starts, _, size, first, span = header
+        counts, clock = self.counts, self._clock
+        counts["packets"] += 1
+        counts["points"] += size
+        gap = (first - self._end) % UNITS_PER_REVOLUTION
+        lost = 0
+        if gap > self._largest_gap:
+            gap, lost = self._explain_gap(gap, header)
+            counts["points_lost"] += lost
+            clock.count += lost
+        late = clock.advance(size, sent)
+        revolution = self._revolution
+        if starts or not revolution.has_room(gap, span, size):
+            revolution = self._begin(header)
+            gap = 0
+        revolution.torn |= lost > 0
+        if self._delay is not None or late > Delay.LATE_S:
+            self._watch_delay(late, sent, lost > 0)
+            revolution = self._revolution
+        revolution.add(header, gap, content, clock.count - size)
+        if self._done and self._delay is None:
+            self._deliver(scans)
+        self._end = first + span
+        if size > 1:
+            self._step = span / (size - 1)
+            self._largest_gap = 1.5 * self._step
+
+    def _explain_gap(self, gap: int, header: PacketHeader) -> tuple[int, int]:
+        """The angle (1/64 deg) between two packets, negative if back, and how many samples lack.
+
+        By the angles, which do not show whole revolutions that are missing.
+        """
+        if gap > UNITS_PER_REVOLUTION - _BACKWARD_UNITS:
+            return gap - UNITS_PER_REVOLUTION, 0
+        jitter = _START_JITTER_UNITS if header.starts_revolution else 0
+        # The motor's speed may differ before and after the gap.
+        step = max(self._step, header.span / max(1, header.size - 1))
+        lost = round((gap - jitter) / step) - 1 if step > 0.0 else 0
+        return gap, max(0, lost)
+
+    def _begin(self, header: PacketHeader) -> Revolution:
+        """End the revolution under way before this packet."""
+        if self._revolution.total:
+            self._done.append(self._revolution)
+        self._revolution = Revolution(torn=not header.starts_revolution)
+        if self._delay is not None:
+            self._delayed.append((self._revolution, 0))
+        if header.starts_revolution:
+            self.speed_hz = header.speed_tenths / 10.0
+        return self._revolution
+
+    def _watch_delay(self, late: float, arrival: float, angles_jumped: bool) -> None:
+        """Find out whether packets are late because the host was busy, or samples are missing.
+
+        Revolutions are held back until this is known.
+        """
+        if self._delay is None or self._delay.is_another(late):
+            self._delay = Delay(late, arrival, angles_jumped)
+            self._delayed = [(self._revolution, self._revolution.packets)]
+            return
+        remaining = self._delay.update(late, arrival)
+        if remaining is None:
+            return
+        if remaining > 0.0:
+            self._make_up(remaining, self._delay.angles_jumped)
+        self._delay = None
+
+    def _make_up(self, seconds: float, angles_jumped: bool) -> None:
+        """Let the clock pass over `seconds` in which no sample came, before the first late packet.
+
+        Where the angles jumped, packets are missing, and what the angles cannot show is whole
+        revolutions. Else the lidar paused.
+        """
+        shift = round(seconds * SAMPLE_RATE_HZ)
+        whole = 0
+        if angles_jumped:
+            revolution_samples = UNITS_PER_REVOLUTION / self._step
+            whole = round(round(shift / revolution_samples) * revolution_samples)
+        if whole and abs(whole - shift) < Delay.LATE_S * SAMPLE_RATE_HZ:
+            self.counts["points_lost"] += whole
+            shift = whole
+        else:
             self.counts["clock_restarts"] += 1
-            self._turn = _Turn(header.first, whole=False)
-        turn = self._turn
-        if not turn.total:
-            turn.first = header.first
-        phase = (header.first - turn.first) % UNITS_PER_TURN
-        if header.starts_turn or phase < turn.phase - UNITS_PER_TURN // 4:
-            # A start that follows closely on a turn begun by its angle is the start of that turn.
-            if not (turn.by_angle and phase < UNITS_PER_TURN // 4):
-                turn = self._next_turn(header, scans)
-                phase = 0
-            if header.starts_turn:
-                self.turn_rate_hz = header.turn_rate / 10.0
-        turn.torn |= bool(lost)
-        turn.phase = phase
-        turn.add(header, content, self._clock.count - header.size)
-        self._previous = header
+        self._clock.count += shift
+        for revolution, start in self._delayed:
+            revolution.delay(start, shift)
+        revolution, start = self._delayed[0]
+        if start:  # it must not contain samples of two revolutions
+            rest = revolution.split(start)
+            if revolution is self._revolution:
+                self._revolution = rest
+                self._done.append(revolution)
+            else:
+                place = self._done.index(revolution)
+                self._done.insert(place + 1, rest)
 
-    def _lost_before(self, header: PacketHeader) -> int:
-        """How many samples are missing between the last good packet and this one, by the angles."""
-        self._damaged = False
-        before = self._previous
-        if before is None:
-            return 0
-        known = before if before.size > 1 else header
-        step = known.span / max(1, known.size - 1)
-        gap = (header.first - before.first - before.span) % UNITS_PER_TURN
-        lost = max(0, round(gap / step) - 1) if step > 0.0 else 0
-        self.counts["points_lost"] += lost
-        return lost
-
-    def _next_turn(self, header: PacketHeader, scans: list[Scan]) -> _Turn:
-        """End the turn under way before this packet."""
-        turn = self._turn
-        if turn.total and self._clock.offset is not None:
+    def _deliver(self, scans: list[Scan]) -> None:
+        """Hand out the revolutions that are complete."""
+        for revolution in self._done:
             self.counts["turns"] += 1
-            self.counts["turns_torn"] += turn.torn
-            scans.append(turn.to_scan(self._clock.offset))
-        whole = header.starts_turn
-        self._turn = _Turn(header.first, whole, by_angle=not whole)
-        return self._turn
+            self.counts["turns_torn"] += revolution.torn
+            self.motor_hz = revolution.speed_hz()
+            scans.append(revolution.to_scan(self._clock.offset or 0.0))
+        self._done.clear()

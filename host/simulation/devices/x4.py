@@ -1,4 +1,4 @@
-"""A YDLidar X4 as its serial line shows it: commands in, timed bytes out, no hardware."""
+"""A YDLidar X4 or X4 Pro as its serial line shows it: commands in, timed bytes out, no hardware."""
 
 import itertools
 import math
@@ -22,9 +22,9 @@ from host.messages import FloatArray
 
 Sense = Callable[[FloatArray, FloatArray], FloatArray]
 
-_TURN_BEGIN_RAD = math.radians(346.6)
-_TURN_BEGIN_SPREAD_RAD = math.radians(0.2)
-_TURN_RATE_SPREAD = 0.005  # relative, from turn to turn
+_START_RAD = math.radians(346.6)
+_START_SPREAD_RAD = math.radians(0.2)
+_SPEED_SPREAD = 0.005  # relative, from revolution to revolution
 _MAX_RANGE_MM = 16_383  # what a sample can hold; the X4 sees no further than 10 m
 _SECONDS_PER_BYTE = BITS_PER_BYTE / BAUDRATE
 
@@ -35,14 +35,14 @@ class _PlannedPacket:
 
     times: FloatArray
     angles: FloatArray
-    starts_turn: bool
-    turn_rate_hz: float
+    starts_revolution: bool
+    speed_hz: float
 
     def encode(self, ranges: FloatArray) -> bytes:
         millimetres = np.rint(ranges * 1000.0)
         samples = np.where(millimetres <= _MAX_RANGE_MM, 4 * millimetres, 0).astype(np.int64)
         first, last = (round(float(angle) / UNIT_RAD) for angle in self.angles[[0, -1]])
-        return encode_packet(samples, first, last, self.starts_turn, self.turn_rate_hz)
+        return encode_packet(samples, first, last, self.starts_revolution, self.speed_hz)
 
 
 class X4Emulator:
@@ -52,20 +52,26 @@ class X4Emulator:
     nothing comes back: what each sample measures. The raw angle is the device's own; the reader
     adds `x4_packets.angle_correction`.
     Times are those of the caller's clock. delay_s: how much later its bytes come than over a plain
-    line, as through a hub. Switches, for tests and demonstrations: motor_powered,
-    answers (False: dead), corrupt_share (packets with one flipped bit), health.
+    line, as through a hub. Switches, for tests and demonstrations: motor_powered; spin_up_s, until
+    its motor has its speed and samples come; laser_fires (False: packets of zeros); answers
+    (False: dead); corrupt_share (packets with one flipped bit); lost_share (packets missing
+    whole); gaps (length, period) s: for so long every so often all packets are missing; health.
     """
 
     def __init__(
-        self, sense: Sense, turn_rate_hz: float = 7.0, seed: int = 0, delay_s: float = 0.0
+        self, sense: Sense, speed_hz: float = 7.0, seed: int = 0, delay_s: float = 0.0
     ) -> None:
         self.motor_powered = True
         self.answers = True
+        self.laser_fires = True
+        self.spin_up_s = 0.0
         self.corrupt_share = 0.0
+        self.lost_share = 0.0
+        self.gaps: tuple[float, float] | None = None
         self.health = DeviceHealth(status=0, error=0)
         self.info = DeviceInfo(model=6, firmware="1.5", hardware=1, serial=f"{seed:016d}")
         self._sense = sense
-        self._turn_rate_hz = turn_rate_hz
+        self._speed_hz = speed_hz
         self._delay_s = delay_s
         self._random = np.random.default_rng(seed)
         self._scanning = False
@@ -73,6 +79,7 @@ class X4Emulator:
         self._line: deque[tuple[float, bytes]] = deque()
         self._line_free = -math.inf
         self._measuring = False
+        self._motor_started: float | None = None
         self._planned: deque[_PlannedPacket] = deque()
         self._planned_to = 0.0  # time and raw angle of the first sample not planned yet
         self._angle = float(self._random.uniform(0.0, 2.0 * math.pi))
@@ -125,43 +132,58 @@ class X4Emulator:
         """Take the samples of the packets that are complete by `now`, and send those."""
         if not (self._scanning and self.motor_powered and self.answers):
             self._measuring = False
+            self._motor_started = None
             self._planned.clear()
+            return
+        if self._motor_started is None:
+            self._motor_started = now
+        if now < self._motor_started + self.spin_up_s:
             return
         if not self._measuring:
             self._measuring = True
             self._planned_to = now
-            self._plan_turn(from_begin=False)
+            self._plan_revolution(from_start=False)
         due: list[_PlannedPacket] = []
         while self._planned[0].times[-1] <= now:
             due.append(self._planned.popleft())
             if not self._planned:
-                self._plan_turn(from_begin=True)
+                self._plan_revolution(from_start=True)
         if not due:
             return
         times = np.concatenate([packet.times for packet in due])
         angles = np.concatenate([packet.angles for packet in due])
-        ranges = self._sense(times, angles % (2.0 * math.pi))
+        ranges = self._sense(times, angles % (2.0 * math.pi)) * self.laser_fires
         ends = np.cumsum([len(packet.times) for packet in due])
         for packet, of_packet in zip(due, np.split(ranges, ends[:-1]), strict=True):
-            self._send(self._damage(packet.encode(of_packet)), float(packet.times[-1]))
+            complete = float(packet.times[-1])
+            if not self._is_lost(complete):
+                self._send(self._damage(packet.encode(of_packet)), complete)
 
-    def _plan_turn(self, from_begin: bool) -> None:
-        """Lay out the next turn (or its rest, when the lidar starts in the middle of one)."""
-        rate_hz = self._turn_rate_hz * (1.0 + _TURN_RATE_SPREAD * self._random.normal())
+    def _plan_revolution(self, from_start: bool) -> None:
+        """Lay out the next revolution (or its rest, when the lidar starts in the middle of one)."""
+        rate_hz = self._speed_hz * (1.0 + _SPEED_SPREAD * self._random.normal())
         step = 2.0 * math.pi * rate_hz / SAMPLE_RATE_HZ
-        end = _TURN_BEGIN_RAD + _TURN_BEGIN_SPREAD_RAD * self._random.uniform(-1.0, 1.0)
-        half = math.pi if from_begin else 0.0  # a whole turn ends where it began, more or less
+        end = _START_RAD + _START_SPREAD_RAD * self._random.uniform(-1.0, 1.0)
+        half = math.pi if from_start else 0.0  # a whole one ends where it began, more or less
         ahead = (end - self._angle + half) % (2.0 * math.pi) + half
         size = max(1, math.ceil(ahead / step))
         times = self._planned_to + np.arange(size) / SAMPLE_RATE_HZ
         angles = self._angle + step * np.arange(size, dtype=np.float64)
-        cuts = [0, *range(1 if from_begin else MAX_SAMPLES, size, MAX_SAMPLES), size]
+        cuts = [0, *range(1 if from_start else MAX_SAMPLES, size, MAX_SAMPLES), size]
         for begin, end_of_packet in itertools.pairwise(cuts):
             part = slice(begin, end_of_packet)
-            starts_turn = from_begin and begin == 0
-            self._planned.append(_PlannedPacket(times[part], angles[part], starts_turn, rate_hz))
+            starts_revolution = from_start and begin == 0
+            self._planned.append(
+                _PlannedPacket(times[part], angles[part], starts_revolution, rate_hz)
+            )
         self._planned_to += size / SAMPLE_RATE_HZ
         self._angle = (self._angle + step * size) % (2.0 * math.pi)
+
+    def _is_lost(self, time: float) -> bool:
+        """Is a packet that is complete at `time` (s) to be missing whole?"""
+        if self.gaps is not None and time % self.gaps[1] < self.gaps[0]:
+            return True
+        return self.lost_share > 0.0 and self._random.random() < self.lost_share
 
     def _damage(self, packet: bytes) -> bytes:
         """Flip one bit in `corrupt_share` of the packets."""
@@ -169,3 +191,15 @@ class X4Emulator:
             return packet
         bit = int(self._random.integers(8 * len(packet)))
         return (int.from_bytes(packet, "little") ^ 1 << bit).to_bytes(len(packet), "little")
+
+
+class X4ProEmulator(X4Emulator):
+    """The X4 Pro: the same packets, but one-way. It sends as soon as it has power."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Ignore what the host sends: there is no line that leads to it."""
+
+    def transmit(self, now: float) -> list[tuple[float, bytes]]:
+        """Packets whose last byte has come by `now`, each with that time, in order."""
+        self._scanning = True
+        return super().transmit(now)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from host.drivers.x4 import commands
 from host.drivers.x4.commands import DeviceHealth, DeviceInfo, ScanBegins, encode_reply
 from host.drivers.x4.packets import (
-    UNITS_PER_TURN,
+    UNITS_PER_REVOLUTION,
     angle_correction,
     encode_packet,
-    encode_turn,
+    encode_revolution,
     xor_of_words,
 )
 from host.drivers.x4.protocol import ScanDecoder
@@ -66,9 +66,12 @@ def make_turn(random: np.random.Generator, n: int, returns: float = 0.7) -> list
     """A turn of n samples, or with less than 400 the beginning of one."""
     first = 346.6 * 64 + random.uniform(-20, 20)
     whole = n if n >= 400 else 580
-    angles = np.rint(first + np.arange(n) * UNITS_PER_TURN / whole).astype(int) % UNITS_PER_TURN
+    angles = (
+        np.rint(first + np.arange(n) * UNITS_PER_REVOLUTION / whole).astype(int)
+        % UNITS_PER_REVOLUTION
+    )
     samples = 4 * random.integers(60, 10_000, n) + (random.random(n) < 0.01)
-    return encode_turn(angles, samples * (random.random(n) < returns), 5000.0 / whole)
+    return encode_revolution(angles, samples * (random.random(n) < returns), 5000.0 / whole)
 
 
 def feed_all(stream: bytes) -> tuple[ScanDecoder, list[Scan]]:

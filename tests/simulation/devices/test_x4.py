@@ -46,7 +46,7 @@ def replies(lidar: X4Emulator, now: float) -> list[object]:
 
 def test_scans_show_what_was_sensed_where_and_when() -> None:
     room = Room()
-    lidar = X4Emulator(room.sense, turn_rate_hz=7.0, seed=4)
+    lidar = X4Emulator(room.sense, speed_hz=7.0, seed=4)
     lidar.receive(commands.SCAN, 50.0)
     decoder, scans = ScanDecoder(), list[Scan]()
     for when, data in listen(lidar, 50.0, 55.0):
@@ -60,7 +60,7 @@ def test_scans_show_what_was_sensed_where_and_when() -> None:
     assert np.concatenate([scan.ranges for scan in scans]) == pytest.approx(ranges, abs=1e-9)
     assert np.concatenate([scan.times for scan in scans]) == pytest.approx(times[:got], abs=0.002)
     assert 33 <= len(scans) <= 36
-    assert decoder.turn_rate_hz == pytest.approx(7.0, abs=0.15)
+    assert decoder.speed_hz == pytest.approx(7.0, abs=0.15)
     assert decoder.counts["bytes_skipped"] == 0
     assert raw.min() >= 0.0
     assert raw.max() < 2.0 * math.pi
