@@ -1,4 +1,4 @@
-"""Planar rigid motions, angles, and the robot's own path as its odometry tells it."""
+"""Planar rigid motions, angles, and the robot's own path by its odometry."""
 
 import math
 
@@ -21,7 +21,7 @@ def sector(bearing: FloatArray) -> IntArray:
 
 
 def rotation(angle: float) -> FloatArray:
-    """R(phi) of Perera 2021 eq. 1: (2, 2), turns a vector counter-clockwise by `angle` rad."""
+    """R(phi) of Perera 2021 eq. 1: (2, 2), rotates a vector counter-clockwise by `angle` rad."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
@@ -46,7 +46,7 @@ def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
     return np.stack((c * px + s * py, c * py - s * px), axis=-1)
 
 
-# Where nothing tells how the robot drives: m² (per axis) and rad² a second. As a robot does that
+# Where no odometry says how the robot drives: m² (per axis) and rad² a second. As a robot does that
 # wanders at 0.3 m/s.
 _LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1
 _HOLE_S = 0.01  # a shorter gap between displacements is a matter of clocks

@@ -1,4 +1,4 @@
-"""One robot's localizer: puts what the devices say in time order and drives one filter.
+"""One robot's localizer: puts messages in time order and drives one filter.
 
 Deterministic: it goes by the messages' own times alone, so the same messages in the same order
 give bit-identical estimates, live or replayed.
@@ -48,7 +48,7 @@ class Localizer:
     def handle(self, message: Measurement | Displacement) -> list[Estimate]:
         """Take in one message; return an estimate for each measurement that was used.
 
-        Without any for long there is one a second, so that who watches sees them age.
+        After two seconds without any there is one a second, so that a watcher sees them age.
         """
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
@@ -106,24 +106,24 @@ class Localizer:
         if lag <= 0.0:
             return measured
         then, now = self._path.poses(np.array([measured.time, self._time]))
-        turn = float(then[2] - now[2])
+        rotated_by = float(then[2] - now[2])
         if isinstance(measured, Bearings):
             origin = to_frame(to_parent(np.array([measured.origin]), then), now)[0]
             return dataclasses.replace(
                 measured,
                 time=self._time,
-                bearings=measured.bearings + turn,
+                bearings=measured.bearings + rotated_by,
                 origin=(float(origin[0]), float(origin[1])),
-                view=(measured.view[0] + turn, measured.view[1]),
+                view=(measured.view[0] + rotated_by, measured.view[1]),
                 lag=measured.lag + lag,
             )
-        rotated = rotation(turn)
+        to_now = rotation(rotated_by)
         lags = np.zeros(len(measured.positions)) if measured.lags is None else measured.lags
         return dataclasses.replace(
             measured,
             time=self._time,
             positions=to_frame(to_parent(measured.positions, then), now),
-            covariances=rotated @ measured.covariances @ rotated.T,
+            covariances=to_now @ measured.covariances @ to_now.T,
             lags=lags + lag,
             clearance=None,
         )

@@ -17,9 +17,9 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """One turn of the lidar, in the lidar's own frame (counter-clockwise, mounting not applied).
+    """One revolution of the lidar, in its own frame (counter-clockwise, mounting not applied).
 
-    time: end of the turn. times (n,): of each sample. angles (n,) rad in [-pi, pi).
+    time: end of the revolution. times (n,): of each sample. angles (n,) rad in [-pi, pi).
     ranges (n,) m, 0 where there was no return.
     """
 

@@ -196,3 +196,18 @@ def test_a_hole_adds_variance_by_the_second_as_the_end_does(seconds):
     assert unsure.translation_variance == pytest.approx(seconds * a_second.translation_variance)
     assert unsure.heading_variance == pytest.approx(seconds * a_second.heading_variance)
     assert (a_second.translation_variance, a_second.heading_variance) == (0.015, 0.1)
+
+
+def test_a_path_that_forgets_still_knows_every_time_within_what_it_keeps():
+    """At the border, too: between the last step that is forgotten and the first that is kept."""
+    path = Path(keep_seconds=1.9)
+    for k in range(1, 1001):
+        path.append(Displacement(0.25 * k, 0.25, 0.5, 0.0, 0.0))
+        oldest = max(0.0, path.end - 1.9)
+        times = np.linspace(oldest, path.end, 17)
+        assert_allclose(path.poses(times)[:, 0], 2.0 * times, atol=1e-9)
+
+
+def test_the_ends_of_the_circle_lie_in_the_outer_sectors():
+    ends = np.array([-math.pi, np.nextafter(math.pi, 0.0), math.pi])
+    assert sector(ends).tolist() == [0, SECTORS - 1, SECTORS - 1]

@@ -1,4 +1,4 @@
-"""Kalman filters that are told which reading is whose: the limit of what any filter can reach.
+"""Kalman filters that know which reading is whose: the limit of what any filter can reach.
 
 Only for evaluation. It takes readings' `identities`; those of nobody (-1) it leaves out.
 """
@@ -18,10 +18,10 @@ def predict_positions(
     variances of the odometry, J m' = (-y', x') the lever arm of its heading and q, process_noise,
     in m²/s the random walk of a teammate. (Perera 2021 eq. 7-8, counter-clockwise positive.)
     """
-    turn = rotation(motion.dpsi)
-    moved = (positions - np.array([motion.dx, motion.dy])) @ turn
+    rotated = rotation(motion.dpsi)
+    moved = (positions - np.array([motion.dx, motion.dy])) @ rotated
     lever = moved[:, ::-1] * np.array([-1.0, 1.0])
-    spread = turn.T @ (covariances + motion.translation_variance * np.eye(2)) @ turn
+    spread = rotated.T @ (covariances + motion.translation_variance * np.eye(2)) @ rotated
     spread = spread + motion.heading_variance * lever[:, :, None] * lever[:, None, :]
     return moved, spread + process_noise * motion.interval * np.eye(2)
 

@@ -24,8 +24,8 @@ _ODD_SIZE = 0.2  # share of strips whose size misleads
 def predict_mixture(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> None:
     """Move the mixture into the robot's new frame, in place (Perera 2021 eq. 7–8, repaired).
 
-    noise: variance (m², per axis) that the targets' own motion adds. The robot turns counter-
-    clockwise by dpsi, so targets turn by R(dpsi)^T; a heading error moves them across the ray.
+    noise: variance (m², per axis) that the targets' own motion adds. The robot rotates counter-
+    clockwise by dpsi, so targets rotate by R(dpsi)^T; a heading error moves them across the ray.
     """
     c, s = math.cos(motion.dpsi), math.sin(motion.dpsi)
     flat = rows.reshape(ROWS, -1)
@@ -139,7 +139,7 @@ def update_by_bearings(
 def range_support(
     rows: FloatArray, measured: Bearings, pairs: BearingPairs, reach_m: float
 ) -> FloatArray:
-    """How much more likely each pair is by its strip's size (p,); 1 where that tells nothing.
+    """How much more likely each pair is by its strip's size (p,); 1 where the size is unknown.
 
     Against a false strip, which has any size from here to `reach_m` alike. A strip that is hidden
     in part looks too far away, so that a wrong size never speaks for more than _ODD_SIZE against.

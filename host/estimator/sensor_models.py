@@ -15,7 +15,7 @@ from host.messages import BoolArray, FloatArray
 _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
 _HIDDEN = 0.1  # behind something nearer
 _HIDDEN_STRIP = 0.2  # the cameras look over the lidar: a nearer teammate hides most of a strip
-_UNCLEAR = 0.85  # something is there, but it was not told apart
+_UNCLEAR = 0.85  # something is there, but it was not recognised
 _NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
 _RAYS = np.linspace(-1.0, 1.0, 7)
 _MARGIN_M = 0.12  # nearer by less than this does not hide
@@ -26,7 +26,7 @@ def clearance_of(
 ) -> FloatArray:
     """How far one sees past targets (n,) that are `width` m wide: (SECTORS,) m, inf in the open.
 
-    present (n,): targets that are believed in. Serves where no scan tells it: for the cameras,
+    present (n,): targets that are believed in. Serves where no scan measured it: for the cameras,
     and for a lidar that only gives positions.
     """
     clearance = np.full(SECTORS, math.inf)

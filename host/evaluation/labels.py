@@ -48,7 +48,7 @@ def _assign(cost: FloatArray, truth: Truth) -> IntArray:
 class TruthTrack:
     """Truth over time: samples in time order, interpolated in between.
 
-    Straight lines in the observer's frame, so samples must be close while the observer turns.
+    Straight lines in the observer's frame, so samples must be close while the observer rotates.
     """
 
     def __init__(self, samples: Sequence[Truth]) -> None:

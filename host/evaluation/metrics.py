@@ -1,6 +1,6 @@
 """How good estimates are: GOSPA with its parts, and the figures papers on this problem report.
 
-A row of figures tells one filter on one run. `time_over_30cm` rewards a filter that reports
+A row of figures is one filter on one run. `time_over_30cm` rewards a filter that reports
 everywhere, so it stands beside the count of false estimates.
 """
 
@@ -101,7 +101,7 @@ def _parts(distances: FloatArray, truths: int, estimates: int, p: float, c: floa
 
 @dataclass
 class Accumulator:
-    """Gathers scored instants of one filter, and turns them into a `Row`.
+    """Gathers scored instants of one filter, and makes them a `Row`.
 
     p, c: as in `gospa`. update_seconds: what each predict and update took, filled by the runner.
     """

@@ -126,8 +126,9 @@ def test_it_is_no_worse_than_stone_soups_filter_on_the_same_data(seed):
 def test_it_is_as_sure_as_it_may_be():
     """NEES over many worlds: 1 for a filter whose covariance is that of its error.
 
-    A PHD filter is a little too modest: beside a teammate that was seen it keeps the thought that
-    it was missed, with weight 1 - P_D, and merging widens the covariance by their distance.
+    Over forty worlds it was 0.970, with a standard deviation of 0.073 a world, so 0.021 for the
+    mean of these twelve. A little under 1: merging widens the covariance by the distance of what
+    is merged.
     """
     parts = []
     for seed in range(10, 22):
@@ -137,7 +138,7 @@ def test_it_is_as_sure_as_it_may_be():
             part.add(truth, np.zeros((0, 2)), estimate)
         parts.append(part)
     row = Accumulator.pooled(parts).row("", "", "", "")
-    assert 0.65 < row.anees < 1.1
-    assert row.missed < 0.25
-    assert row.false < 0.25
-    assert abs(row.cardinality_error) < 0.2
+    assert 0.9 < row.anees < 1.05
+    assert row.missed < 0.16  # 0.11 over forty worlds
+    assert row.false < 0.12  # 0.07
+    assert abs(row.cardinality_error) < 0.1
