@@ -36,7 +36,7 @@ HEADER = f"""\
 LABELS = {"lidar": ("LO", "#aebcc4"), "lidar+camera": ("LC", "#e0a030")}  # in the order drawn
 ABOUT = {
     "perera2021": "the filter of Perera 2021",
-    "clairvoyant": "told which reading is whose",
+    "clairvoyant": "knows which reading is whose",
 }
 SMALL = f'fill="{SOFT}" font-size="12"'
 BOLD = 'font-weight="bold"'
@@ -117,14 +117,14 @@ def picture(figures: Comparison) -> str:
     marks = [ticks(highest(figures, panel)) for panel in PANELS]
     bottom = TOP + GROUP * len(figures.rows) - (GROUP - 2 * BAR) + 12
     height, seeds = bottom + 96, len(figures.seeds)
-    told = "LO: lidar only. LC: lidar and cameras, whose rendered pictures are searched for "
-    told += "teammates. Less is better everywhere."
+    key = "LO: lidar only. LC: lidar and cameras, whose rendered pictures are searched for "
+    key += "teammates. Less is better everywhere."
     drawn = f"Bar and number: mean of {seeds} seed{'s' * (seeds > 1)}, {figures.seconds:g} s each. "
     drawn += "Dot: one seed, the first on top. Teammates within 2 m count."
     parts = [
         HEADER.format(width=WIDTH, height=height),
         text(24, 34, "What the cameras add, from pixels", f'font-size="17" {BOLD}'),
-        text(24, 56, told, SMALL),
+        text(24, 56, key, SMALL),
         text(FALSE_PX, TOP - 38, "False", f'text-anchor="middle" {BOLD}'),
         text(FALSE_PX, TOP - 22, "per scan", f'text-anchor="middle" {SMALL}'),
         text(24, height - 36, drawn, SMALL),

@@ -1,6 +1,6 @@
 """Shows what the wheels do, to find out what is wired the other way round (docs/hardware.md).
 
-    .venv/bin/python tools/try_wheels.py my_robot.toml                 # turn them by hand
+    .venv/bin/python tools/try_wheels.py my_robot.toml                 # rotate them by hand
     .venv/bin/python tools/try_wheels.py my_robot.toml --drive left    # one drives forward, slowly
 
 Lift the wheels off the ground first: one whose motor and encoder disagree runs at full speed.
@@ -48,10 +48,10 @@ class Watch:
                 self._health = "" if message.ok else one_line(message.reason)
 
     def line(self) -> str:
-        """Ticks and turns of both wheels and the heading since the start; or why there are none."""
+        """Ticks and revolutions of both wheels and the heading; or why there are none."""
         with self._lock:
             wheels = "   ".join(
-                f"{name} {ticks:+7d} ticks {ticks / self._counts_per_turn:+7.2f} turns"
+                f"{name} {ticks:+7d} ticks {ticks / self._counts_per_turn:+7.2f} rev"
                 for name, ticks in (("left", self._left), ("right", self._right))
             )
             heading = math.degrees(self._heading)
@@ -93,13 +93,13 @@ def watch(robot: RobotConfig, drive: str | None, seconds: float) -> None:
 @click.option(
     "--drive",
     type=click.Choice(list(WHEEL_SPEEDS)),
-    help="Drive one wheel or both forward at 0.1 m/s, or turn left on the spot.",
+    help="Drive one wheel or both forward at 0.1 m/s, or rotate left on the spot.",
 )
 @click.option(
     "--seconds", type=click.FloatRange(0.1), help="For so long.  [default: 3 driving, else 600]"
 )
 def main(robot_toml: Path, drive: str | None, seconds: float | None) -> None:
-    """Show ticks and turns of both wheels, turned by hand or, with --drive, by a motor.
+    """Show ticks and revolutions of both wheels, rotated by hand or, with --drive, by a motor.
 
     Lift the wheels off the ground first.
     """

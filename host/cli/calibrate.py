@@ -105,7 +105,7 @@ def _drives(source: str, robot_path: Path | None) -> tuple["list[Drive]", Wheels
     from host.calibration.wheels import calibrate as fit
 
     if source.startswith(_OPTIODOM):
-        runs = optiodom.read(Path(source.removeprefix(_OPTIODOM)))
+        runs = optiodom.read_runs(Path(source.removeprefix(_OPTIODOM)))
         return [fit.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
     gathered = gathering.from_source(source, robot_path)
     drives = fit.drives_of(gathered)

@@ -13,7 +13,8 @@ from host.calibration.camera.colour import Box
 from host.cli.options import json_option, robot_option, write_json
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError
-from host.perception.jpeg_decoder import Image, UnusableError, fastest_decoder, read_header
+from host.messages import Image
+from host.perception.jpeg_decoder import UnusableError, fastest_decoder, read_header
 from host.perception.red_strip import Blob, StripFinder
 from host.perception.strip_geometry import StripGeometry
 from host.sessions.robot import robot_configuration

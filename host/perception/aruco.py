@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from host.config import Ceiling
 from host.errors import UserError
 from host.geometry import wrap
-from host.messages import Bodies, FloatArray
+from host.messages import Bodies, FloatArray, Image
 from host.perception.lens import View
 
-Image = NDArray[np.uint8]
 _Detect = Callable[[Image], tuple[Sequence[Any], Any, Any]]
 
 _SIZE_TOLERANCE = 0.1  # of a tag's side: a side longer or shorter is no tag's, or another tag's
@@ -83,7 +82,7 @@ class TagFinder:
 def _poses(corners: NDArray[np.complex128]) -> FloatArray:
     """Poses (n, 3) of the squares that fit corners (n, 4) best (Umeyama 1991, in the plane).
 
-    With complex numbers for points the turn is the angle of their correlation.
+    With complex numbers for points the rotation is the angle of their correlation.
     """
     middle = corners.mean(axis=1)
     heading = wrap(np.angle(corners @ _SQUARE.conj()))

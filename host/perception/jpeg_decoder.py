@@ -2,7 +2,7 @@
 
 At a quarter of the size libjpeg scales brightness and colour each in its own inverse transform, so
 that a webcam's picture, whose colour is stored at half size, loses none of the colour it has: what
-a strip is found by. A picture cut short is told by its end, by its markers and by the decoder.
+a strip is found by. A picture cut short is noticed by its end, by its markers and by the decoder.
 """
 
 import ctypes
@@ -13,9 +13,8 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from host.messages import Image
 
 SCALE = 4  # pixels of the picture in one pixel of the reduced one, along a side
 _LEAST_BITS = 2  # of an 8x8 block: one code for its mean, one for the end of the block
@@ -103,7 +102,7 @@ def check_whole(jpeg: bytes, header: JpegHeader) -> bytes:
 
     The last marker is the picture's end, and it stands at the end; between it and the header are
     no markers, but for restart markers in their order and number where there are any. A gap in
-    the data of a picture without restart markers cannot be told by this.
+    the data of a picture without restart markers is not noticed by this.
     """
     jpeg = jpeg.rstrip(b"\0") if jpeg.endswith(b"\0") else jpeg
     if not jpeg.endswith(bytes((0xFF, _END))) or len(jpeg) <= header.scan:
@@ -155,10 +154,10 @@ class OpenCvDecoder:
 
 
 class TurboDecoder:
-    """By libturbojpeg: rows below the wanted ones are not decoded. For one thread.
+    """By libturbojpeg: rows below those asked for are not decoded. For one thread.
 
     Raises OSError where the library is not installed. Its functions are called here and not
-    through a package, because the warnings have to be read: the first tells whether the rows
+    through a package, because the warnings have to be read: the first says whether the rows
     asked for were whole.
     """
 

@@ -140,7 +140,7 @@ class Lens:
 class View:
     """A camera on the robot: its lens and how it is mounted.
 
-    origin (3,) m: the lens in the robot frame. to_robot (3, 3): turns vectors of the camera frame
+    origin (3,) m: the lens in the robot frame. to_robot (3, 3): rotates vectors of the camera frame
     into the robot frame; its columns are the picture's right, its down, and the axis.
     """
 
@@ -162,7 +162,7 @@ def mounting_rotation(heading_rad: float, tilt_rad: float, roll_rad: float) -> F
     """Camera frame → robot frame, (3, 3).
 
     The camera starts level and looking ahead, is rolled about its axis (clockwise, seen from
-    behind), tilted down, and turned by `heading_rad` about z (counter-clockwise).
+    behind), tilted down, and rotated by `heading_rad` about z (counter-clockwise).
     """
     ch, sh = math.cos(heading_rad), math.sin(heading_rad)
     ct, st = math.cos(tilt_rad), math.sin(tilt_rad)

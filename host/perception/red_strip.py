@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from host.config import Camera, Cameras
-from host.messages import Bearings, FloatArray, IntArray
-from host.perception.jpeg_decoder import SCALE, Image, JpegDecoder, UnusableError, fastest_decoder
+from host.messages import Bearings, FloatArray, Image, IntArray
+from host.perception.jpeg_decoder import SCALE, JpegDecoder, UnusableError, fastest_decoder
 from host.perception.strip_colour import StripColour
 from host.perception.strip_geometry import REACH_M, StripGeometry, full_size
 
@@ -92,7 +92,7 @@ class StripFinder:
 
     counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
     found. decoder: the fastest that is installed, unless another is given. name: of the camera, as
-    its Bearings tell it.
+    its Bearings name it.
     """
 
     def __init__(

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from host.config import Strip
-from host.messages import FloatArray
-from host.perception.jpeg_decoder import Image
+from host.messages import FloatArray, Image
 
 _HUES = 180  # OpenCV counts hue in steps of 2 deg, so that it fits a byte
 _DARK = 12.0  # of 255; what is darker has no colour to speak of

@@ -10,8 +10,8 @@ import numpy as np
 
 from host.config import Camera, Cameras
 from host.geometry import wrap
-from host.messages import BoolArray, FloatArray
-from host.perception.jpeg_decoder import SCALE, Image
+from host.messages import BoolArray, FloatArray, Image
+from host.perception.jpeg_decoder import SCALE
 from host.perception.lens import View
 
 REACH_M = 0.2  # no teammate's strip comes nearer to a lens

@@ -32,7 +32,7 @@ from host.messages import (
     Truth,
 )
 
-VERSION = 1
+FORMAT_VERSION = 1
 SUFFIX = ".swarmloc"
 _KINDS: dict[str, type[Message]] = {
     kind.__name__.lower(): kind
@@ -71,7 +71,7 @@ class Recorder:
         self._write(
             {
                 "kind": "header",
-                "version": VERSION,
+                "version": FORMAT_VERSION,
                 "robot": header.config.name,
                 "sensors": header.sensors,
                 "scenario": header.scenario,
@@ -161,8 +161,8 @@ class Recording:
     def _content(self, number: int, line: bytes) -> dict[str, Any]:
         """The object of one line, its CRC proved."""
         body = b"{" + line[_CRC_END + len(_AFTER_CRC) : -1]
-        told = b"%b%08x%b" % (_BEFORE_CRC, zlib.crc32(body), _AFTER_CRC)
-        if not line.startswith(told):
+        expected = b"%b%08x%b" % (_BEFORE_CRC, zlib.crc32(body), _AFTER_CRC)
+        if not line.startswith(expected):
             raise self._damaged(number, "its content does not fit its checksum")
         content = json.loads(body)
         if not isinstance(content, dict):
@@ -177,10 +177,10 @@ class Recording:
                 f"give a {SUFFIX} file, as `swarmloc run --record` and `swarmloc simulate` write",
             )
         content = self._content(number, line)
-        if content.get("version") != VERSION:
+        if content.get("version") != FORMAT_VERSION:
             raise UserError(
                 f"{self.path} is of recording version {content.get('version')}",
-                f"this swarmloc reads version {VERSION}",
+                f"this swarmloc reads version {FORMAT_VERSION}",
                 "use the swarmloc that wrote it",
             )
         try:

@@ -1,7 +1,7 @@
 """Motive's CSV exports, formats 1.21 to 1.25: takes of rigid bodies and markers.
 
 The columns of a body or a marker are those with the same type, name and ID above them; how the
-rows of the file are found is told in `motive_table`.
+rows of the file are found stands in `motive_table`.
 """
 
 import math
@@ -67,7 +67,7 @@ class MotiveTake:
     markers: tuple[TakeMarker, ...]
 
 
-def read(path: Path) -> MotiveTake:
+def read_take(path: Path) -> MotiveTake:
     """Read an export. Raises UserError naming line or column of what is missing or not understood.
 
     Every cell is read; a column of an unknown kind is an error, not left out.
@@ -191,7 +191,7 @@ class _Group:
 def _quaternions(group: _Group, rotation: str) -> FloatArray:
     """(n, 4) x, y, z, w; nan where any of the angles or components is blank.
 
-    Euler angles are in degrees, about axes that turn along with the body (intrinsic), in the
+    Euler angles are in degrees, about axes that rotate with the body (intrinsic), in the
     order of the rotation type.
     """
     if rotation == "Quaternion":

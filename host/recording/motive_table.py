@@ -1,6 +1,6 @@
 """The rows of Motive's CSV exports, formats 1.21 to 1.25: what each column holds, and the numbers.
 
-The first line holds names and values in turn. Then come rows that say of each column what it is
+The first line holds names and values alternately. Then come rows that say of each column what it is
 (type, name, ID, from 1.25 also the parent, kind of quantity, and the axis in the row that begins
 with "Frame"), and one row a frame. Cells are blank where something was not seen. Rows are found by
 their labels; 1.21 labels none, but keeps their order.
@@ -204,7 +204,7 @@ def _check_whole(header: dict[str, str], numbers: FloatArray, path: Path) -> Non
 
 
 def no_column(path: Path, name: str) -> UserError:
-    """What to tell of a column that is not there."""
+    """The error for a column that is not there."""
     return UserError(
         f"{path}: the column {name} is missing",
         "",

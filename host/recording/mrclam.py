@@ -33,7 +33,7 @@ FRAME_PERIOD_S = 0.236
 _SAME_FRAME_S = 0.005  # readings of one frame are stamped up to 1 ms apart
 _LONGEST_STEP_S = 0.1
 
-# The odometry is the commanded velocity, not corrected for its gains (turning 0.71 to 0.98 by
+# The odometry is the commanded velocity, not corrected for its gains (rotations 0.71 to 0.98 by
 # robot) nor its lag; so this noise is far above that of encoders. Per m, per rad and per second.
 TRANSLATION_VARIANCE_PER_M = 0.002
 HEADING_VARIANCE_PER_RAD = 0.016
@@ -103,7 +103,7 @@ class Dataset:
         return to_frame(self.landmarks, self.pose(observer, time))
 
 
-def load(folder: Path) -> Dataset:
+def load_dataset(folder: Path) -> Dataset:
     """Read a dataset. Raises UserError naming file and line for what is missing or torn."""
     if not folder.is_dir():
         raise UserError(
@@ -200,7 +200,7 @@ def _unlogged(times: FloatArray) -> FloatArray:
 def _positions(
     log: RobotLog, rows: slice, landmarks: Landmarks, time: float | None = None
 ) -> Positions:
-    """One frame's readings as positions; `time` where the frame has no readings to tell it."""
+    """One frame's readings as positions; `time` where the frame has no readings."""
     readings, who = log.readings[rows], log.subjects[rows]
     when = float(readings[0, 0]) if time is None else time
     if landmarks == "drop":
@@ -230,16 +230,16 @@ def _displacements(odometry: FloatArray, frame_times: FloatArray) -> list[Displa
     grid = np.unique(np.concatenate((times[1:][changes], inside, regular, times[-1:])))
     rows = np.searchsorted(times, grid[:-1], side="right") - 1
     intervals = np.diff(grid)
-    lengths, turns = odometry[rows, 1] * intervals, odometry[rows, 2] * intervals
-    chords = lengths * np.sinc(turns / (2.0 * np.pi))
+    lengths, rotations = odometry[rows, 1] * intervals, odometry[rows, 2] * intervals
+    chords = lengths * np.sinc(rotations / (2.0 * np.pi))
     columns = (
         grid[1:],
         intervals,
-        chords * np.cos(turns / 2.0),
-        chords * np.sin(turns / 2.0),
-        turns,
+        chords * np.cos(rotations / 2.0),
+        chords * np.sin(rotations / 2.0),
+        rotations,
         TRANSLATION_VARIANCE_PER_M * np.abs(lengths),
-        HEADING_VARIANCE_PER_RAD * np.abs(turns) + HEADING_VARIANCE_PER_S * intervals,
+        HEADING_VARIANCE_PER_RAD * np.abs(rotations) + HEADING_VARIANCE_PER_S * intervals,
     )
     return [Displacement(*row) for row in np.stack(columns, axis=1).tolist()]
 

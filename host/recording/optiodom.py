@@ -41,7 +41,7 @@ class OptiodomRun:
     truth: FloatArray
 
 
-def read(place: Path) -> list[OptiodomRun]:
+def read_runs(place: Path) -> list[OptiodomRun]:
     """Read the runs of a session, of all sessions below a folder, or one `*_run-NN.csv`.
 
     Raises UserError that names the file, and the line, for what is missing or wrong.
@@ -147,7 +147,7 @@ def _numbers(
     if key not in entries:
         raise UserError(
             f"{path} has no line {key!r}",
-            "it has the gear (ngear), counts a motor turn (encRes), track (Li), diameters (Di)",
+            "it has gear (ngear), counts a motor revolution (encRes), track (Li), diameters (Di)",
             "copy the metadata of the data set again",
         )
     number, cells = entries[key]

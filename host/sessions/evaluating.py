@@ -118,7 +118,7 @@ def _pooled(scored: Sequence[tuple[Scenario, Scores]]) -> Iterator[Row]:
 
 def _dataset_rows(source: str, names: Sequence[str], step: Step) -> list[Row]:
     folder, landmarks = _dataset(source)
-    dataset = mrclam.load(folder)
+    dataset = mrclam.load_dataset(folder)
     rows: list[Row] = []
     for name in names:
         rows += mrclam_scoring.mrclam_rows(dataset, {name: _maker(name)}, landmarks, source)
@@ -146,5 +146,5 @@ def _dataset(source: str) -> tuple[Path, Landmarks]:
             f"write {_DATASET}{folder},landmarks=drop",
         )
     if not Path(folder).is_dir():
-        mrclam.load(Path(folder))  # its error reports what is missing
+        mrclam.load_dataset(Path(folder))  # its error reports what is missing
     return Path(folder), cast(Landmarks, value)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from host.calibration.gathered import Gathered
 from host.config import RobotConfig
+from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
 from host.recording.log import Recording
@@ -13,7 +14,7 @@ from host.sessions.running import RunOutcome, never, run_devices
 from host.sessions.runs import Progress, find_source, read_as, unseen
 from host.simulation.offline import Simulation
 from host.simulation.world import scenarios
-from host.sources.rig import MOCAP, Rig, real_rig, simulated_rig
+from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
 
 _MOCAP_HZ = 100

@@ -9,7 +9,7 @@ import numpy as np
 
 from host.config import RobotConfig
 from host.drivers.natnet import protocol as natnet_protocol
-from host.drivers.natnet.frames import Frame, Version
+from host.drivers.natnet.frames import MocapFrame, Version
 from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
 from host.drivers.romeo.session import BoardSession
 from host.drivers.x4.commands import SCAN
@@ -20,7 +20,7 @@ from host.simulation.devices.board import STAND_IN, BoardKind
 from host.simulation.devices.x4 import X4Emulator
 from host.simulation.pictures.render import Surroundings
 from host.simulation.pictures.searched_camera import SearchedCamera
-from host.simulation.world.arena import STEP_S, Arena
+from host.simulation.world.arena import ARENA_STEP_S, Arena
 from host.simulation.world.built import built, known
 from host.simulation.world.motion_capture import MotionCapture
 from host.simulation.world.scenarios import Scenario
@@ -77,7 +77,7 @@ class Simulation:
 
     def surroundings(self, time: float) -> Surroundings:
         """What is around the observer at `time` (s), for its cameras."""
-        half = 0.5 * STEP_S
+        half = 0.5 * ARENA_STEP_S
         before, poses, after = self._arena.poses(np.array([time - half, time, time + half]))
         own = poses[OBSERVER]
         return Surroundings(
@@ -85,7 +85,7 @@ class Simulation:
             to_frame(self._arena.posts, own),
             own,
             self._arena.half_side_m,
-            float(after[OBSERVER, 2] - before[OBSERVER, 2]) / STEP_S,
+            float(after[OBSERVER, 2] - before[OBSERVER, 2]) / ARENA_STEP_S,
         )
 
     def forget(self, before: float) -> None:
@@ -143,7 +143,7 @@ class Simulation:
             packet = frame_packet(frame_of(self.bodies(time), "y", self._exposures), _NATNET)
             self._exposures += 1
             frame = self._natnet.feed(packet)
-            if isinstance(frame, Frame):
+            if isinstance(frame, MocapFrame):
                 yield time, bodies_of(frame, time, "y")
 
     def _seen(self, time: float) -> list[Bearings]:

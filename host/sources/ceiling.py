@@ -11,10 +11,9 @@ import numpy as np
 
 from host.config import Ceiling
 from host.drivers.camera.driver import CameraDriver, Picture
+from host.drivers.natnet.client import MOCAP
 from host.messages import Health, Message
 from host.perception.aruco import TagFinder
-
-NAME = "motion capture"  # what Health calls it
 
 
 class CeilingCamera:
@@ -22,13 +21,13 @@ class CeilingCamera:
 
     Its truth is as late as `delay_s` in [mocap.ceiling] is wrong, and every delay that is fitted
     against it with it. Wheel ticks are hardly late: a lag of the odometry that `calibrate wheels`
-    finds is the camera's delay, with the sign turned. Raises UserError where OpenCV cannot find
+    finds is the camera's delay, with the opposite sign. Raises UserError where OpenCV cannot find
     tags.
     """
 
     def __init__(self, config: Ceiling) -> None:
         self._config = config
-        self._driver = CameraDriver(NAME, config.eye, config.delay_s)
+        self._driver = CameraDriver(MOCAP, config.eye, config.delay_s)
         self._finder = TagFinder(config)
         self._undecoded = 0
 

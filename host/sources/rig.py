@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from host.config import RobotConfig
-from host.drivers.natnet.client import NatNetClient
+from host.drivers.natnet.client import MOCAP, NatNetClient
 from host.drivers.romeo.device import Romeo
 from host.drivers.x4.device import X4
 from host.errors import UserError
@@ -18,14 +18,12 @@ from host.sources.cameras import camera_sources
 from host.sources.ceiling import CeilingCamera
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
-MOCAP = "motion capture"
-
 
 @dataclass(frozen=True, slots=True)
 class Rig:
     """What a run consists of: the devices, the configuration in effect, and truth if known.
 
-    simulated_board: of a simulation, what stands in for the board, in words.
+    simulated_board: of a simulation, what stands in for the board.
     """
 
     title: str
@@ -38,7 +36,7 @@ class Rig:
 
 
 def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
-    """The robot's own devices. Raises UserError where cameras are wanted and none is named."""
+    """The robot's own devices. Raises UserError where `sensors` needs cameras and none is named."""
     found = {} if sensors == LIDAR_ONLY else camera_sources(robot.camera)
     if sensors == LIDAR_AND_CAMERA and not found:
         raise UserError(

@@ -11,7 +11,7 @@ from host.recording import mrclam
 
 @pytest.fixture(scope="module")
 def dataset(recorded):
-    return mrclam.load(recorded("mrclam6"))
+    return mrclam.load_dataset(recorded("mrclam6"))
 
 
 class Silent:

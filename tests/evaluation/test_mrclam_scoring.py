@@ -42,7 +42,7 @@ def dataset(tmp_path):
         write(f"Robot{robot}_Groundtruth.dat", [(t, x, y, 0.0) for t in vicon])
         write(f"Robot{robot}_Odometry.dat", [(t, 0.0, 0.0) for t in np.arange(0.0, 66.0, 0.5)])
         write(f"Robot{robot}_Measurement.dat", READINGS)
-    return mrclam.load(tmp_path)
+    return mrclam.load_dataset(tmp_path)
 
 
 def scored(dataset, name, landmarks):

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from host.config import Camera, Cameras
-from host.messages import FloatArray
-from host.perception.jpeg_decoder import Image
+from host.messages import FloatArray, Image
 
 STRIP_BGR = (40.0, 35.0, 190.0)
 _FINE = 4  # drawn so much larger, and averaged

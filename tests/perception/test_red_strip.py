@@ -10,7 +10,8 @@ import pytest
 
 from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
-from host.perception.jpeg_decoder import Image, OpenCvDecoder, TurboDecoder
+from host.messages import Image
+from host.perception.jpeg_decoder import OpenCvDecoder, TurboDecoder
 from host.perception.red_strip import Blob, StripFinder
 from host.simulation.pictures.render import Look, frames
 from tests.perception.drawn_strips import (

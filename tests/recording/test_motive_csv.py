@@ -48,7 +48,7 @@ def matrix(quaternions):
 @pytest.fixture(scope="module")
 def take_of(recorded):
     """Reads each recorded export once."""
-    return functools.cache(lambda name: motive_csv.read(recorded(name)))
+    return functools.cache(lambda name: motive_csv.read_take(recorded(name)))
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -169,7 +169,7 @@ def read(tmp_path):
     def written(lines):
         path = tmp_path / "take.csv"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return motive_csv.read(path)
+        return motive_csv.read_take(path)
 
     return written
 
@@ -254,10 +254,10 @@ def test_what_is_wrong_is_said(lines, words, read):
 
 def test_files_that_are_none(tmp_path):
     with pytest.raises(UserError, match="No such file"):
-        motive_csv.read(tmp_path / "none.csv")
+        motive_csv.read_take(tmp_path / "none.csv")
     (tmp_path / "picture.csv").write_bytes(bytes(range(256)))
     with pytest.raises(UserError, match="not a text file"):
-        motive_csv.read(tmp_path / "picture.csv")
+        motive_csv.read_take(tmp_path / "picture.csv")
 
 
 def test_every_cut_of_a_file_is_noticed(tmp_path):
@@ -266,4 +266,4 @@ def test_every_cut_of_a_file_is_noticed(tmp_path):
     for size in [*range(0, len(data), 7), len(data) - 3, len(data) - 2, len(data) - 1]:
         path.write_bytes(data[:size])
         with pytest.raises(UserError):
-            motive_csv.read(path)
+            motive_csv.read_take(path)

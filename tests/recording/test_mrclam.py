@@ -49,7 +49,7 @@ def of_kind(messages, kind):
 
 
 def test_readings_of_one_frame_come_together_and_silent_frames_are_put_in(folder):
-    messages = mrclam.load(folder).messages(1, "clutter")
+    messages = mrclam.load_dataset(folder).messages(1, "clutter")
     frames = of_kind(messages, Positions)
     assert [len(frame.positions) for frame in frames] == [2, 1, 0, 0, 0, 1]
     assert [frame.time for frame in frames] == pytest.approx(
@@ -60,12 +60,12 @@ def test_readings_of_one_frame_come_together_and_silent_frames_are_put_in(folder
 
 
 def test_dropping_landmarks_keeps_their_frames_and_unknown_barcodes(folder):
-    frames = of_kind(mrclam.load(folder).messages(1, "drop"), Positions)
+    frames = of_kind(mrclam.load_dataset(folder).messages(1, "drop"), Positions)
     assert [frame.identities.tolist() for frame in frames] == [[2], [], [], [], [], [-1]]
 
 
 def test_range_and_bearing_become_a_position_without_the_bias_and_its_covariance(folder):
-    frame = of_kind(mrclam.load(folder).messages(1, "drop"), Positions)[0]
+    frame = of_kind(mrclam.load_dataset(folder).messages(1, "drop"), Positions)[0]
     assert frame.positions[0] == pytest.approx([2 * math.cos(0.5), 2 * math.sin(0.5)])
     generator = np.random.default_rng(6)
     distance = 2.0 + generator.normal(0.0, 0.03 + 0.031 * 2.0, 100_000)
@@ -75,7 +75,7 @@ def test_range_and_bearing_become_a_position_without_the_bias_and_its_covariance
 
 
 def test_logged_velocities_add_up_to_the_arc_they_command(folder):
-    messages = mrclam.load(folder).messages(1, "clutter")
+    messages = mrclam.load_dataset(folder).messages(1, "clutter")
     steps = of_kind(messages, Displacement)
     path = RobotPath(keep_seconds=math.inf)
     for step in steps:
@@ -94,7 +94,7 @@ def test_logged_velocities_add_up_to_the_arc_they_command(folder):
 
 
 def test_a_displacement_comes_before_the_frame_at_its_end(folder):
-    messages = mrclam.load(folder).messages(1, "clutter")
+    messages = mrclam.load_dataset(folder).messages(1, "clutter")
     for earlier, later in itertools.pairwise(messages):
         if isinstance(earlier, Positions) and isinstance(later, Displacement):
             assert later.time > earlier.time
@@ -105,7 +105,7 @@ def test_truth_is_in_the_observers_frame_and_heading_turns_the_short_way(folder)
     headings = [math.pi - 0.01 if k % 2 == 0 else -math.pi + 0.01 for k in range(len(times))]
     rows = [(t, 1.0, 2.0, psi) for t, psi in zip(times, headings, strict=True)]
     write(folder, "Robot1_Groundtruth.dat", rows)
-    dataset = mrclam.load(folder)
+    dataset = mrclam.load_dataset(folder)
     truth = dataset.truth(1, 3.05)
     assert truth.identities.tolist() == [2, 3, 4, 5]
     assert truth.positions == pytest.approx(
@@ -118,7 +118,7 @@ def test_truth_is_in_the_observers_frame_and_heading_turns_the_short_way(folder)
 def test_a_gap_of_any_robots_vicon_is_told(folder):
     times = [START + t for t in np.arange(0.0, 10.05, 0.1) if not 4.0 < t < 4.4]
     write(folder, "Robot3_Groundtruth.dat", [(t, 1.0, 2.0, 0.0) for t in times])
-    dataset = mrclam.load(folder)
+    dataset = mrclam.load_dataset(folder)
     assert dataset.has_vicon(3.9)
     assert not dataset.has_vicon(4.2)
     assert dataset.has_vicon(4.6)
@@ -146,19 +146,19 @@ def edit(path, number, line):
 def test_a_torn_line_is_named(folder, line, why):
     edit(folder / "Robot1_Odometry.dat", 4, line)
     with pytest.raises(UserError, match=rf"Robot1_Odometry.dat, line 4[\s\S]*{why}"):
-        mrclam.load(folder)
+        mrclam.load_dataset(folder)
 
 
 def test_a_missing_folder_or_file_and_files_without_data_are_named(folder, tmp_path):
     with pytest.raises(UserError, match="no such folder"):
-        mrclam.load(tmp_path / "nowhere")
+        mrclam.load_dataset(tmp_path / "nowhere")
     path = folder / "Robot4_Measurement.dat"
     path.write_text("# nothing\n")
     with pytest.raises(UserError, match=r"Robot4_Measurement\.dat, line 1[\s\S]*no numbers"):
-        mrclam.load(folder)
+        mrclam.load_dataset(folder)
     path.write_bytes(bytes(range(256)))
     with pytest.raises(UserError, match="not a text file"):
-        mrclam.load(folder)
+        mrclam.load_dataset(folder)
     path.unlink()
     with pytest.raises(UserError, match=r"cannot read .*Robot4_Measurement\.dat"):
-        mrclam.load(folder)
+        mrclam.load_dataset(folder)

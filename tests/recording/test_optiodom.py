@@ -28,8 +28,8 @@ def session(tmp_path):
 
 def test_a_session_a_folder_of_sessions_and_one_run_are_read(session):
     for place in (session, session.parent.parent):
-        assert [run.name for run in optiodom.read(place)] == ["1234_run-01", "1234_run-02"]
-    (run,) = optiodom.read(session / "1234_run-02.csv")
+        assert [run.name for run in optiodom.read_runs(place)] == ["1234_run-01", "1234_run-02"]
+    (run,) = optiodom.read_runs(session / "1234_run-02.csv")
     assert run.ticks.shape == (11, 2)
     assert run.ticks.dtype == np.int64
     assert np.diff(run.ticks, axis=0).tolist() == [[10, 30]] * 10
@@ -38,7 +38,7 @@ def test_a_session_a_folder_of_sessions_and_one_run_are_read(session):
 
 
 def test_a_tick_of_the_nominal_geometry_is_as_long_as_the_metadata_say(session):
-    wheels = optiodom.read(session)[0].wheels
+    wheels = optiodom.read_runs(session)[0].wheels
     per_tick = 2.0 * math.pi * wheels.left_radius_m / wheels.counts_per_turn
     assert per_tick == pytest.approx(math.pi * 0.084 / (43.7 * 64), rel=1e-12)
     assert wheels.right_radius_m == wheels.left_radius_m
@@ -53,7 +53,7 @@ def test_poses_that_were_lost_are_left_out_and_headings_unwrapped(session):
         for k, line in enumerate(lines[8:], 8)
     ]
     (session / "1234_run-01.csv").write_text("\n".join(lines))
-    run = optiodom.read(session / "1234_run-01.csv")[0]
+    run = optiodom.read_runs(session / "1234_run-01.csv")[0]
     assert len(run.times) == 21
     assert len(run.truth_times) == 20
     assert run.truth[-1, 2] == pytest.approx(10.0)
@@ -76,7 +76,7 @@ def test_what_is_wrong_in_a_run_is_named_with_its_line(session, line, text, mess
     path = session / "1234_run-01.csv"
     path.write_text("\n".join(lines))
     with pytest.raises(UserError, match=message):
-        optiodom.read(path)
+        optiodom.read_runs(path)
 
 
 @pytest.mark.parametrize(
@@ -93,30 +93,30 @@ def test_what_is_wrong_in_a_run_is_named_with_its_line(session, line, text, mess
 def test_what_is_wrong_in_the_metadata_is_named(session, text, message):
     (session / "1234_metadata.csv").write_text(text)
     with pytest.raises(UserError, match=message):
-        optiodom.read(session)
+        optiodom.read_runs(session)
 
 
 def test_metadata_need_only_what_is_used(session):
     (session / "1234_metadata.csv").write_text("ngear,50\nencRes,20\nLi,0.3\nDi,0.1,0.1\n")
-    wheels = optiodom.read(session)[0].wheels
+    wheels = optiodom.read_runs(session)[0].wheels
     assert (wheels.counts_per_turn, wheels.left_radius_m, wheels.track_m) == (1000, 0.05, 0.3)
 
 
 def test_missing_files_are_told_apart(session, tmp_path):
     with pytest.raises(UserError, match="no such file or folder"):
-        optiodom.read(tmp_path / "nowhere")
+        optiodom.read_runs(tmp_path / "nowhere")
     with pytest.raises(UserError, match=r"called \*_run-NN.csv"):
-        optiodom.read(session / "1234_run-01_odo.csv")
+        optiodom.read_runs(session / "1234_run-01_odo.csv")
     (session / "1234_run-01.csv").write_text("0,0,0,0,0,0\n")
     with pytest.raises(UserError, match="two rows or more, this one 1"):
-        optiodom.read(session / "1234_run-01.csv")
+        optiodom.read_runs(session / "1234_run-01.csv")
     (session / "1234_metadata.csv").unlink()
     with pytest.raises(UserError, match=r"there is no 1234_metadata\.csv beside it"):
-        optiodom.read(session)
+        optiodom.read_runs(session)
 
 
 def test_in_every_recorded_run_the_right_wheel_turns_the_robot_left(recorded):
-    runs = optiodom.read(recorded("optiodom"))
+    runs = optiodom.read_runs(recorded("optiodom"))
     assert len(runs) == 6
     for run in runs:
         per_tick = math.tau * run.wheels.left_radius_m / run.wheels.counts_per_turn

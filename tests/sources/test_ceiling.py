@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from host.config import Ceiling
+from host.drivers.natnet.client import MOCAP
 from host.errors import UserError
 from host.messages import Bodies, Health, Message
-from host.sources.ceiling import NAME, CeilingCamera
+from host.sources.ceiling import CeilingCamera
 from tests.perception.drawn_tags import draw
 
 pytestmark = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV came without ArUco")
@@ -83,7 +84,7 @@ def test_a_file_of_pictures_becomes_paths_on_the_floor(tmp_path: Path) -> None:
 def test_health_counts_the_tags_under_the_name_of_motion_capture(tmp_path: Path) -> None:
     with running(recorded(tmp_path / "ceiling.mjpeg", 2, 20)) as messages:
         health = wait_health(messages, "pictures/s")
-    assert (health.device, health.ok) == (NAME, True)
+    assert (health.device, health.ok) == (MOCAP, True)
     assert health.counts["tags"] >= 2 * health.counts["pictures"] - 4
     assert health.counts["misread"] == health.counts["undecoded"] == 0
 

@@ -90,7 +90,7 @@ def test_drives_what_it_is_told_and_stops(
         assert (ticks < 0) == (wanted < 0)
 
 
-def test_lines_show_ticks_turns_and_a_counter_clockwise_heading() -> None:
+def test_lines_show_ticks_revolutions_and_a_counter_clockwise_heading() -> None:
     seen = tool.Watch(1920)
     assert seen.line() == "waiting for the board"
     seen.take(Health(0.0, "board", False, "cannot open it\nit is away", {}))
@@ -98,7 +98,7 @@ def test_lines_show_ticks_turns_and_a_counter_clockwise_heading() -> None:
     seen.take(Health(0.0, "board", True, "firmware 1.0.0", {}))
     seen.take(Displacement(1.0, 0.02, 0.0, 0.0, 1.0, ticks=(-960, 1920)))
     seen.take(Displacement(2.0, 0.02, 0.0, 0.0, 0.5, ticks=(0, 1)))
-    words = "left -960 ticks -0.50 turns right +1921 ticks +1.00 turns heading +85.9 deg"
+    words = "left -960 ticks -0.50 rev right +1921 ticks +1.00 rev heading +85.9 deg"
     assert seen.line().split() == words.split()
     assert seen.started.is_set()
 

@@ -1,6 +1,6 @@
 """Strips in 1080p pictures: ours against the usual pipeline and against entropy decoding alone.
 
-Usual is: decode all of it, turn it into HSV, two ranges, open, close, contours, and the middle of
+Usual is: decode all of it, convert it to HSV, two ranges, open, close, contours, and the middle of
 each contour. The floor is the Huffman decoding of the whole picture, without a single pixel made.
 Pictures are rendered, so that the truth is known: teammates at 0.4 to 3 m, whole in the picture.
 
@@ -74,9 +74,9 @@ class EntropyDecoder:
     def decode(self, jpeg: bytes) -> None:
         """Raises ValueError where that fails."""
         buffers, sizes = (ctypes.c_void_p * 1)(), (ctypes.c_ulong * 1)()
-        wanted = (Transform * 1)()
-        wanted[0].options = NO_OUTPUT
-        if self._transform(self._handle, jpeg, len(jpeg), 1, buffers, sizes, wanted, 0):
+        options = (Transform * 1)()
+        options[0].options = NO_OUTPUT
+        if self._transform(self._handle, jpeg, len(jpeg), 1, buffers, sizes, options, 0):
             raise ValueError("not a whole JPEG")
 
 
@@ -137,7 +137,7 @@ def score(search: Search, pictures: list[tuple[bytes, Sightings]]) -> Quality:
 def least_ms(
     runs: dict[str, Callable[[bytes], object]], jpegs: list[bytes], rounds: int
 ) -> dict[str, float]:
-    """Least CPU time a picture of each, taken in turns so that all see the same machine."""
+    """Least CPU time a picture of each, alternately, so that all see the same machine."""
     best = {name: np.full(len(jpegs), np.inf) for name in runs}
     for _ in range(rounds):
         for k, jpeg in enumerate(jpegs):
@@ -186,7 +186,7 @@ def measure(quality: int, rounds: int) -> dict[str, object]:
 
 
 def missed(figures: dict) -> list[str]:
-    """The bounds that these figures do not hold, in words."""
+    """The bounds that these figures do not hold, as text."""
     quality = figures["quality"]
     bounds = {
         f"at least {LEAST_RATIO[quality]:g} times as fast as usual": figures["ratio"]

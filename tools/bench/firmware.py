@@ -44,7 +44,7 @@ def booted(firmware: Firmware, edges: int) -> RomeoElf:
 
 
 def count(board: RomeoElf, edges: int, rate_hz: int, seconds: float) -> bool:
-    """Turn both wheels forward and back, one against the other; is every tick counted?
+    """Rotate both wheels forward and back, one against the other; is every tick counted?
 
     The host streams commands and reads meanwhile.
     """
@@ -131,7 +131,7 @@ def speed_step(firmware: Firmware, supply: float) -> dict[str, float]:
 
 
 def simulation_speed(firmware: Firmware) -> float:
-    """Virtual seconds a second of this machine, wheels turning at the motors' most."""
+    """Virtual seconds a second of this machine, wheels rotating at the motors' most."""
     board = booted(firmware, 2)
     begin = time.process_time()
     count(board, 2, 6_400, 5.0)
@@ -139,7 +139,7 @@ def simulation_speed(firmware: Firmware) -> float:
 
 
 def measure() -> tuple[dict[str, object], list[str]]:
-    """Figures, and in words the floors that were missed."""
+    """Figures, and the floors that were missed, as text."""
     figures: dict[str, object] = {}
     missed = []
     for edges in (2, 4):

@@ -1,4 +1,4 @@
-"""Decoding NatNet frames beside the vendor's sample client for Python: the same packets, in turns.
+"""Decoding NatNet frames beside the vendor's sample client for Python: the same packets.
 
     python tools/bench/natnet.py
 

@@ -1,11 +1,11 @@
-"""The search for turrets in simulated turns: time and accuracy, beside plain clustering.
+"""The search for turrets in simulated revolutions: time and accuracy, beside plain clustering.
 
-The peer is the method of Belaroussi 2024, 4.3.1, as it reads: a KD-tree over the returns of a turn,
+The peer is the method of Belaroussi 2024, 4.3.1, as it reads: a KD-tree over all returns,
 a loop that grows each cluster by its neighbours' neighbours, clusters no wider than a turret, and
-their centroids. It is given what the paper does not speak of, the distortion of a turn taken while
+their centroids. It is given what the paper does not speak of, the distortion of one taken while
 driving undone, and the same gap and width. It has no covariances and no idea of walls.
 
-Both see the same decoded turns. Found: a candidate within 15 cm, of everything in range whose
+Both see the same decoded revolutions. Found: a candidate within 15 cm, of everything in range whose
 middle is not behind something nearer; teammates move, so errors are those on the posts, from
 the lidar's range on. Least CPU time of all repeats.
 """
@@ -27,15 +27,15 @@ from host.geometry import Path, to_frame, wrap
 from host.messages import Displacement, FloatArray, Scan
 from host.perception import turrets
 from host.simulation.offline import OBSERVER, Simulation
-from host.simulation.world.arena import STEP_S, Arena
+from host.simulation.world.arena import ARENA_STEP_S, Arena
 from host.simulation.world.scenarios import Scenario, parse
-from host.simulation.world.sensors import hidden
+from host.simulation.world.sensors import hidden_by_others
 
 LIDAR = RobotConfig().lidar
 GAP_M = 0.06
 WIDTH_MARGIN_M = 0.02
 FOUND_M = 0.15
-BUDGET = 0.1  # of a turn's time, for decoding and search
+BUDGET = 0.1  # of a revolution's time, for decoding and search
 
 Search = Callable[[Scan], FloatArray]
 
@@ -73,17 +73,17 @@ def record(scenario: Scenario) -> tuple[list[tuple[float, bytes]], Path, Arena]:
     device.receive(SCAN, 0.0)
     chunks = [
         chunk
-        for tick in range(int(scenario.seconds / STEP_S))
-        for chunk in device.transmit(tick * STEP_S)
+        for tick in range(int(scenario.seconds / ARENA_STEP_S))
+        for chunk in device.transmit(tick * ARENA_STEP_S)
     ]
     arena = Arena(scenario)
-    times = np.arange(0.0, scenario.seconds + STEP_S, STEP_S)
+    times = np.arange(0.0, scenario.seconds + ARENA_STEP_S, ARENA_STEP_S)
     poses = arena.poses(times)[:, OBSERVER]
     steps = to_frame(poses[1:, :2], poses[:-1])
-    turns = wrap(np.diff(poses[:, 2]))
+    rotations = wrap(np.diff(poses[:, 2]))
     path = Path(keep_seconds=scenario.seconds)
-    for when, (dx, dy), dpsi in zip(times[1:], steps, turns, strict=True):
-        path.append(Displacement(float(when), STEP_S, float(dx), float(dy), float(dpsi)))
+    for when, (dx, dy), dpsi in zip(times[1:], steps, rotations, strict=True):
+        path.append(Displacement(float(when), ARENA_STEP_S, float(dx), float(dy), float(dpsi)))
     return chunks, path, arena
 
 
@@ -104,7 +104,7 @@ def score(search: Search, scans: list[Scan], arena: Arena) -> dict[str, float]:
         distances = np.hypot(*(candidates[:, None] - things).T).reshape(len(things), -1)
         nearest = distances.min(axis=1, initial=np.inf)
         reach = np.hypot(*things.T)
-        seen = (reach < LIDAR.max_range_m - 0.1) & ~hidden(things)
+        seen = (reach < LIDAR.max_range_m - 0.1) & ~hidden_by_others(things)
         found.append(nearest[seen] < FOUND_M)
         false += np.count_nonzero(distances.min(axis=0, initial=np.inf) >= FOUND_M)
         for k in np.flatnonzero(is_post & seen & (nearest < FOUND_M)):
@@ -122,7 +122,7 @@ def score(search: Search, scans: list[Scan], arena: Arena) -> dict[str, float]:
 
 
 def least_seconds(runs: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Least CPU time of `repeats` runs of each, taken in turns so that all see the same machine."""
+    """Least CPU time of `repeats` runs of each, alternately, so that all see the same machine."""
     best = dict.fromkeys(runs, float("inf"))
     for _ in range(repeats):
         for name, run in runs.items():
@@ -157,8 +157,8 @@ def main() -> int:
         for name, search in searches.items()
     ]
     turn_ms = 1e3 / scenario.lidar_turn_hz
-    print(f"{arguments.scenario}: {len(scans)} turns of {turn_ms:.0f} ms")
-    print(f"{'':18}{'ms/turn':>8}{'found':>7}{'false':>7}{'radial':>9}{'rms':>7}{'median':>8}")
+    print(f"{arguments.scenario}: {len(scans)} revolutions of {turn_ms:.0f} ms")
+    print(f"{'':18}{'ms/rev':>8}{'found':>7}{'false':>7}{'radial':>9}{'rms':>7}{'median':>8}")
     print(f"{'decoding':18}{per_turn['decoding']:8.2f}")
     for row in rows:
         print(
@@ -170,7 +170,7 @@ def main() -> int:
         figures = {"turn_ms": turn_ms, "decoding_ms": per_turn["decoding"], "rows": rows}
         arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
     if per_turn["decoding"] + per_turn["swarmloc"] > BUDGET * turn_ms:
-        print(f"above the bound: {BUDGET:.0%} of a turn's time for decoding and search")
+        print(f"above the bound: {BUDGET:.0%} of a revolution's time for decoding and search")
         return 1
     return 0
 

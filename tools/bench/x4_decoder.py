@@ -5,8 +5,8 @@ What the others leave out:
   as 0 among them; interpolates between corrected end angles over LSN steps; drops the start
   packets and whatever straddles two reads; keeps no times; counts nothing.
 - lds2d 0.7.0 has exact angles and re-synchronises, but truncates ranges to whole mm, keeps no
-  times, breaks turns at 0 deg, and counts nothing.
-Both deliver Python objects a point; ours arrays a turn, with times, counter-clockwise.
+  times, breaks revolutions at 0 deg, and counts nothing.
+Both deliver Python objects a point; ours arrays a revolution, with times, counter-clockwise.
 
 PyLidar3 asks its port for 6000 bytes at a time (its default; with 512 it would be several times
 slower), which a port waits for; lds2d takes what its transport returns. Both are given an object
@@ -33,12 +33,12 @@ FLOOR_PYLIDAR3 = 3.0
 FLOOR_LDS2D = 5.0
 
 
-def make_stream(turns: int, seed: int) -> tuple[bytes, int]:
-    """Bytes of `turns` turns of 560-620 points, a third without return, and how many points."""
+def make_stream(revolutions: int, seed: int) -> tuple[bytes, int]:
+    """Bytes of revolutions of 560-620 points, a third without return, and how many points."""
     random = np.random.default_rng(seed)
     packets: list[bytes] = []
     points = 0
-    for _ in range(turns):
+    for _ in range(revolutions):
         n = int(random.integers(560, 621))
         angles = np.rint(346.6 * 64 + np.arange(n) * UNITS_PER_REVOLUTION / n).astype(int)
         samples = 4 * random.integers(120, 9000, n) * (random.random(n) > 1 / 3)
@@ -113,7 +113,7 @@ def run_lds2d(stream: bytes) -> int:
 def seconds(
     runs: dict[str, Callable[[bytes], int]], stream: bytes, repeats: int
 ) -> dict[str, float]:
-    """Least CPU time of `repeats` runs of each, taken in turns so that all see the same machine."""
+    """Least CPU time of `repeats` runs of each, alternately, so that all see the same machine."""
     best = dict.fromkeys(runs, float("inf"))
     for _ in range(repeats):
         for name, run in runs.items():
@@ -125,12 +125,14 @@ def seconds(
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--turns", type=int, default=600, help="turns of the lidar in the stream")
+    parser.add_argument(
+        "--revolutions", type=int, default=600, help="revolutions of the lidar in the stream"
+    )
     parser.add_argument("--repeats", type=int, default=5, help="the fastest of so many runs counts")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     arguments = parser.parse_args()
-    stream, points = make_stream(arguments.turns, arguments.seed)
+    stream, points = make_stream(arguments.revolutions, arguments.seed)
     runs = {"swarmloc": run_ours, "PyLidar3 1.6": run_pylidar3, "lds2d 0.7.0": run_lds2d}
     spent = seconds(runs, stream, arguments.repeats)
     rows = [

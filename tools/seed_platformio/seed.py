@@ -83,7 +83,7 @@ def _scons(folder: Path) -> None:
 def _scons_version() -> str:
     """The installed SCons as the registry would number it: 4.11.1 is 4.41101.0.
 
-    Raises UserError where it or PlatformIO is not there, or where it is not the one wanted.
+    Raises UserError where it or PlatformIO is not there, or where it is not the one needed.
     """
     try:
         from platformio.dependencies import get_core_dependencies
@@ -96,11 +96,11 @@ def _scons_version() -> str:
         ) from error
     major, minor, patch = (int(part) for part in version.split("."))
     numbered = f"{major}.{major}{minor:02}{patch:02}.0"
-    wanted = get_core_dependencies()["tool-scons"]
-    if Version(numbered) not in SimpleSpec(wanted):
+    needed = get_core_dependencies()["tool-scons"]
+    if Version(numbered) not in SimpleSpec(needed):
         raise UserError(
             "cannot seed PlatformIO",
-            f"it wants tool-scons {wanted}, and SCons {version} is {numbered}",
+            f"it needs tool-scons {needed}, and SCons {version} is {numbered}",
             _INSTALL,
         )
     return numbered
@@ -145,7 +145,7 @@ def _board(core: ArduinoCore) -> dict[str, Any]:
 
 def _recipes(core: ArduinoCore) -> dict[str, Any]:
     """The core's own commands, cut into what SCons puts together again."""
-    # C++ as the platform has it by itself: what else is wanted, platformio.ini says.
+    # C++ as the platform has it by itself: what else is needed, platformio.ini says.
     plain = {
         "includes": "",
         "source_file": "",

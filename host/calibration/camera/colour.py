@@ -8,8 +8,8 @@ import numpy as np
 
 from host.config import Strip
 from host.errors import UserError
-from host.messages import BoolArray, FloatArray
-from host.perception.jpeg_decoder import SCALE, Image
+from host.messages import BoolArray, FloatArray, Image
+from host.perception.jpeg_decoder import SCALE
 from host.perception.red_strip import Blob
 from host.perception.strip_geometry import StripGeometry
 

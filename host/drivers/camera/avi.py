@@ -13,7 +13,7 @@ _MAX_CHUNK = 16 << 20
 class Video:
     """The video stream of a file. prefix: of its chunks' names. codec: four characters.
 
-    period_s: between two pictures, 0 where the file does not tell.
+    period_s: between two pictures, 0 where the file does not say.
     """
 
     prefix: bytes
@@ -41,7 +41,7 @@ def find_video(file: BinaryIO) -> Video | None:
     return None
 
 
-def pictures(file: BinaryIO, video: Video) -> Iterator[bytes]:
+def pictures_of(file: BinaryIO, video: Video) -> Iterator[bytes]:
     """What the file holds for each picture, in order; b"" where one was left out.
 
     A file that breaks off, or whose index was never written, gives what is there.
@@ -55,8 +55,8 @@ def pictures(file: BinaryIO, video: Video) -> Iterator[bytes]:
 def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
     """Name and size of each chunk, the file standing at its content.
 
-    Lists are entered, not skipped, and told by their type with size 0: their own sizes are wrong
-    where the recording was cut short.
+    Lists are entered, not skipped; for each its type comes, with size 0: their own sizes are
+    wrong where the recording was cut short.
     """
     at = 0
     while True:

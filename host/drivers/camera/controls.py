@@ -50,7 +50,10 @@ class Controls:
         return bool(self._held)
 
     def lock(self, camera: Adjustable) -> list[str]:
-        """Switch the automatics off, set the values, read them back. What is not held, in words."""
+        """Switch the automatics off, set the values, read them back.
+
+        Returns what is not held, and why.
+        """
         remarks = (self._hold(camera, control) for control in _CONTROLS)
         return [remark for remark in remarks if remark]
 
@@ -58,7 +61,7 @@ class Controls:
         found = camera.get(control.value)
         if found < 0.0:
             return f"{control.name} not held: the camera has no such control"
-        wanted = self._held.setdefault(control.value, found)
+        setting = self._held.setdefault(control.value, found)
         if control.automatic is not None:
             before = camera.get(control.automatic)
             if before not in (-1.0, control.manual):
@@ -66,10 +69,10 @@ class Controls:
                 camera.set(control.automatic, control.manual)
                 if camera.get(control.automatic) != control.manual:
                     return f"{control.name} not held: the camera keeps it automatic"
-        accepted = camera.set(control.value, wanted)
+        accepted = camera.set(control.value, setting)
         reached = camera.get(control.value)
-        if abs(reached - wanted) > max(1.0, _TOLERANCE * abs(wanted)):
-            return f"{control.name} held at {reached:g} where {wanted:g} was set"
+        if abs(reached - setting) > max(1.0, _TOLERANCE * abs(setting)):
+            return f"{control.name} held at {reached:g} where {setting:g} was set"
         return "" if accepted else f"{control.name} not held: the camera refuses the setting"
 
     def release(self, camera: Adjustable) -> None:

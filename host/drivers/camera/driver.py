@@ -1,4 +1,4 @@
-"""One camera, or what stands for it: JPEG pictures with their times, failures told as Health."""
+"""One camera, or what stands for it: JPEG pictures with their times, and its Health."""
 
 import os
 import stat
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from host.config import Camera
 from host.drivers.camera.controls import Controls
-from host.drivers.camera.files import Frame, FrameSource, Pipe, RecordedFile
+from host.drivers.camera.files import CameraFrame, FrameSource, Pipe, RecordedFile
 from host.drivers.camera.mjpeg import size_of
 from host.drivers.camera.usb import UsbCamera
-from host.drivers.camera.v4l2_device import absent, explain, is_video_device
+from host.drivers.camera.v4l2_device import absent, explain_camera, is_video_device
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
 from host.messages import Health
@@ -57,7 +57,7 @@ class CameraDriver:
     def run(self, emit: Callable[[Picture | Health], None], stop: threading.Event) -> None:
         """Emit a Picture each, and a Health a second and a change of state, until `stop` is set.
 
-        Failures of the source are told as Health and tried again; it raises only what is the
+        Failures of the source are reported as Health and tried again; it raises only what is the
         program's own fault. Without a source ("none") it returns at once.
         """
         if self._camera.source == "none":
@@ -92,7 +92,7 @@ class CameraDriver:
             self._report(*self._judge(source, news, lost, now - checked), source)
             checked, before, torn = now, self._counts.copy(), torn + lost
 
-    def _hand_out(self, frame: Frame, live: bool) -> None:
+    def _hand_out(self, frame: CameraFrame, live: bool) -> None:
         size = size_of(frame.jpeg)
         self._wrong = None if size == (self._camera.width_px, self._camera.height_px) else size
         if self._wrong:
@@ -106,7 +106,7 @@ class CameraDriver:
     def _judge(
         self, source: FrameSource, news: "Counter[str]", torn: int, seconds: float
     ) -> tuple[bool, str]:
-        """How the last `seconds` were, and in words. news, torn: what was counted in them."""
+        """Were the last `seconds` good, and why not? news, torn: what was counted in them."""
         pictures, camera = news["pictures"], self._camera
         if self._wrong:
             return False, (
@@ -157,7 +157,7 @@ def open_source(camera: Camera, controls: Controls, clock: Callable[[], float]) 
             f"there is no {path}", "", "check source: a camera, a pipe, or a file of pictures"
         ) from error
     except OSError as error:
-        raise explain(path, error) from error
+        raise explain_camera(path, error) from error
     if stat.S_ISFIFO(mode):
         return Pipe(path, clock)
     if stat.S_ISREG(mode):

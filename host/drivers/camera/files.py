@@ -19,7 +19,7 @@ _SLOWEST_S, _FASTEST_S = 10.0, 0.002  # periods that a file may ask for
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CameraFrame:
     """A whole JPEG picture, and the host's monotonic time (s) that its source gives it."""
 
     jpeg: bytes
@@ -35,7 +35,7 @@ class FrameSource(Protocol):
     def counts(self) -> dict[str, int]:
         """What was dropped, by name; what was whole as "pictures"."""
 
-    def read(self, stop: threading.Event) -> Frame | None:
+    def read(self, stop: threading.Event) -> CameraFrame | None:
         """The next picture, or None after some WAIT_S without one or when `stop` is set.
 
         Raises UserError where the source has to be opened anew.
@@ -105,7 +105,7 @@ class RecordedFile:
             )
         if _FASTEST_S <= video.period_s <= _SLOWEST_S:
             self._period = video.period_s
-        return (self._whole(data) for data in avi.pictures(file, video))
+        return (self._whole(data) for data in avi.pictures_of(file, video))
 
     def _whole(self, data: bytes) -> bytes:
         found = self._splitter.feed(data) + self._splitter.finish()
@@ -117,7 +117,7 @@ class RecordedFile:
             yield from self._splitter.feed(data)
         yield from self._splitter.finish()
 
-    def read(self, stop: threading.Event) -> Frame | None:
+    def read(self, stop: threading.Event) -> CameraFrame | None:
         """The next picture when it is due."""
         if not self._turn:
             self._start = self._clock()
@@ -133,7 +133,7 @@ class RecordedFile:
             raise UserError(f"cannot read {self._path}", error.strerror or str(error)) from error
         self._over = jpeg is None
         self._turn += 1
-        return Frame(jpeg, due) if jpeg else None
+        return CameraFrame(jpeg, due) if jpeg else None
 
     def remarks(self) -> list[str]:
         """That it is no camera."""
@@ -177,7 +177,7 @@ class Pipe:
         """Those of the splitter, and pictures that were not the newest."""
         return {**self._splitter.counts, "superseded": self._superseded}
 
-    def read(self, stop: threading.Event) -> Frame | None:
+    def read(self, stop: threading.Event) -> CameraFrame | None:
         """The newest picture of what has come."""
         ready, _, _ = select.select([self._pipe], [], [], WAIT_S)
         if not ready:
@@ -193,7 +193,7 @@ class Pipe:
         if not pictures:
             return None
         self._superseded += len(pictures) - 1
-        return Frame(pictures[-1], self._clock())
+        return CameraFrame(pictures[-1], self._clock())
 
     def _take(self) -> bytes | None:
         """What has come; b"" where there is no writer, None where it has written nothing."""

@@ -8,7 +8,7 @@ import cv2
 
 from host.config import Camera
 from host.drivers.camera.controls import Controls
-from host.drivers.camera.files import Frame
+from host.drivers.camera.files import CameraFrame
 from host.drivers.camera.mjpeg import Splitter
 from host.drivers.camera.v4l2_device import MJPG, why_no_pictures, wrong_size
 from host.errors import UserError
@@ -22,7 +22,7 @@ _TIMEOUT_S = 2  # for a picture; OpenCV's own is 10 s, too long for a program th
 
 
 def quieten() -> None:
-    """Keep OpenCV's own warnings off the terminal: what matters of them is told as Health."""
+    """Keep OpenCV's own warnings off the terminal: what matters of them is reported as Health."""
     if hasattr(cv2, "setLogLevel"):  # until 4.x
         cv2.setLogLevel(0)
     elif hasattr(cv2, "utils"):
@@ -58,7 +58,7 @@ class Capture:
         """Wait for the next picture; False where none comes within 2 s or the camera is gone."""
         try:
             return self._capture.grab()
-        except cv2.error:  # what the driver told it of its buffers made no sense
+        except cv2.error:  # what the driver reported of its buffers made no sense
             return False
 
     def retrieve(self) -> bytes:
@@ -75,7 +75,7 @@ class Capture:
 
 
 class UsbCamera:
-    """One camera, opened. camera: source, size and rate wanted. controls: outlive replugging."""
+    """One camera, opened. camera: its source, size and rate. controls: outlive replugging."""
 
     live = True
 
@@ -128,7 +128,7 @@ class UsbCamera:
             "bad_stamps": self._bad_stamps,
         }
 
-    def read(self, stop: threading.Event) -> Frame | None:
+    def read(self, stop: threading.Event) -> CameraFrame | None:
         """The newest picture, with the kernel's time stamp where that is the host's time."""
         time = self._grab_newest(stop)
         jpeg = self._splitter.feed(self._capture.retrieve()) + self._splitter.finish()
@@ -137,11 +137,11 @@ class UsbCamera:
         ):
             self._locked = True
             self._remarks = self._controls.lock(self._capture)
-        return Frame(jpeg[0], time) if jpeg else None
+        return CameraFrame(jpeg[0], time) if jpeg else None
 
     def _grab_newest(self, stop: threading.Event) -> float:
         """Grab pictures until one had to be waited for or is too young for a successor."""
-        for turn in range(_BUFFERS + 1):
+        for attempt in range(_BUFFERS + 1):
             asked = self._clock()
             if not self._capture.grab():
                 raise self._fail()
@@ -149,7 +149,7 @@ class UsbCamera:
             time = self._time_of(arrived)
             waited = arrived - asked > _AT_ONCE_S
             young = self._stamps_true and arrived - time < self._period
-            if waited or young or stop.is_set() or turn == _BUFFERS:
+            if waited or young or stop.is_set() or attempt == _BUFFERS:
                 break
             self._superseded += 1
         return time

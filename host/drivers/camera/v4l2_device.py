@@ -1,7 +1,7 @@
 """Video devices of the Linux kernel (V4L2): which are there, and why one gives no pictures.
 
-OpenCV tells only that it failed. So after a failure the same steps are taken here, one by one, up
-to the one that the kernel refuses, and its error number is put into words.
+OpenCV says only that it failed. So after a failure the same steps are taken here, one by one, up
+to the one that the kernel refuses, and its error number is explained.
 """
 
 import errno
@@ -84,8 +84,8 @@ def absent(path: str) -> UserError:
     return UserError(f"cannot open {path}", _ABSENT, f"check its plug and source ({there})")
 
 
-def explain(path: str, error: OSError) -> UserError:
-    """The kernel's refusal in words."""
+def explain_camera(path: str, error: OSError) -> UserError:
+    """The error a user reads for what the kernel refused."""
     if error.errno in _GONE:
         return absent(path)
     cause, step = _CAUSES.get(error.errno or 0, (error.strerror or str(error), _SILENT[1]))
@@ -95,16 +95,16 @@ def explain(path: str, error: OSError) -> UserError:
 def why_no_pictures(path: str, width: int, height: int) -> UserError:
     """Try the camera that OpenCV failed with, step by step, and say which step fails and why.
 
-    The caller has closed it. width, height: the pictures that were wanted, px.
+    The caller has closed it. width, height: the pictures that were asked for, px.
     """
     try:
         device = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        return explain(path, error)
+        return explain_camera(path, error)
     try:
         return _try_out(device, path, width, height)
     except OSError as error:
-        return explain(path, error)
+        return explain_camera(path, error)
     finally:
         os.close(device)
 
@@ -118,8 +118,8 @@ def _try_out(device: int, path: str, width: int, height: int) -> UserError:
             "it is a camera's second device, for data about its pictures",
             "take the one whose name ends in video-index0",
         )
-    wanted = struct.pack(_FORMAT, _CAPTURE, width, height, MJPG, 0).ljust(_FORMAT_BYTES, b"\0")
-    _, *given, code, _ = struct.unpack_from(_FORMAT, _ask(device, S_FMT, wanted))
+    asked = struct.pack(_FORMAT, _CAPTURE, width, height, MJPG, 0).ljust(_FORMAT_BYTES, b"\0")
+    _, *given, code, _ = struct.unpack_from(_FORMAT, _ask(device, S_FMT, asked))
     if code != MJPG:
         return wrong_format(path, code)
     if given != [width, height]:
@@ -145,12 +145,12 @@ def wrong_format(path: str, code: int) -> UserError:
 
 
 def wrong_size(
-    path: str, width: int, height: int, wanted_width: int, wanted_height: int
+    path: str, width: int, height: int, configured_width: int, configured_height: int
 ) -> UserError:
     """The camera gives pictures of another size (px)."""
     return UserError(
         f"{path} gives pictures of {width}x{height}",
-        f"robot.toml says {wanted_width}x{wanted_height}",
+        f"robot.toml says {configured_width}x{configured_height}",
         f"v4l2-ctl -d {path} --list-formats-ext shows its sizes; set width_px and height_px to "
         "one under MJPG, and set the lens in robot.toml for that size",
     )

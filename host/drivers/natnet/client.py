@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable
 
 from host.config import NatNet
-from host.drivers.natnet.frames import OLDEST, Frame
-from host.drivers.natnet.network import Link, explain
+from host.drivers.natnet.frames import OLDEST, MocapFrame
+from host.drivers.natnet.network import Link, explain_network
 from host.drivers.natnet.protocol import (
     Echo,
     MocapDecoder,
@@ -21,7 +21,7 @@ from host.drivers.reconnect import keep_connected
 from host.errors import UserError
 from host.messages import Health, Message
 
-DEVICE = "motion capture"
+MOCAP = "motion capture"  # what Health calls it, whichever way it is made
 _ANSWER_WAIT_S = 0.5
 _TRIES = 4
 _SILENCE_S = 3.0
@@ -51,8 +51,8 @@ class NatNetClient:
         """Emit Bodies a frame and a Health a second and a change of state, until `stop` is set.
 
         Bodies are stamped with the middle of their exposure, in host time, and hold the tracked
-        bodies, in the floor's frame. Failures of the network and the server are told as Health and
-        tried again; it raises only what is the program's own fault.
+        bodies, in the floor's frame. Failures of the network and the server are reported as Health
+        and tried again; it raises only what is the program's own fault.
         """
         self._emit, self._stop = emit, stop
         keep_connected(self._serve, self._report_failure, stop)
@@ -71,7 +71,7 @@ class NatNetClient:
             finally:
                 link.close()
         except OSError as error:
-            raise explain(error, self._config.server) from error
+            raise explain_network(error, self._config.server) from error
 
     def _meet(self, link: Link) -> ServerInfo | None:
         """Ask the server who it is. None where `stop` was set meanwhile."""
@@ -152,7 +152,7 @@ class NatNetClient:
         value = self._decoder.feed(packet)
         if isinstance(value, Echo):
             self._counts["clock_restarts"] += session.answer(value)
-        if not isinstance(value, Frame):
+        if not isinstance(value, MocapFrame):
             return
         if value.number == session.last_number:
             self._counts["repeated"] += 1
@@ -171,7 +171,7 @@ class NatNetClient:
     def _judge(
         self, session: MocapSession, link: Link, news: "Counter[str]", seconds: float
     ) -> tuple[bool, str]:
-        """How the last `seconds` were, and in words. news: what was counted in them."""
+        """Were the last `seconds` good, and why not? news: what was counted in them."""
         name = _name(session.info)
         if not news["frames"]:
             if news["malformed"]:
@@ -179,7 +179,7 @@ class NatNetClient:
                 return False, f"{name} sends frames that do not read as NatNet {version}"
             return False, str(self._no_frames(session, link, news))
         if news["unstamped"] == news["frames"]:
-            return False, f"{name} streams, but does not tell its clock yet"
+            return False, f"{name} streams, but has not given its clock yet"
         if not session.bodies:
             return False, (
                 f"{name} streams frames without rigid bodies\n"
@@ -239,7 +239,7 @@ class NatNetClient:
             return
         self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
         counts = {**self._counts, **self._decoder.counts}
-        self._emit(Health(now, DEVICE, ok, reason, counts))
+        self._emit(Health(now, MOCAP, ok, reason, counts))
 
 
 def _name(info: ServerInfo) -> str:

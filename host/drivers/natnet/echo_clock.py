@@ -20,7 +20,7 @@ class EchoClock:
 
     The server reads its clock between question and answer; the middle of the two is off by half
     the round trip at most. So of each second the pair of the least round trip counts, and over a
-    minute a line through those tells the drift, weighted by 1 / round trip² (the idea of the clock
+    minute a line through those gives the drift, weighted by 1 / round trip² (the idea of the clock
     filter in NTP, RFC 5905 section 10). Before 10 s the drift is taken as none.
     """
 

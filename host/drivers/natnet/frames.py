@@ -40,7 +40,7 @@ class TornError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class MocapFrame:
     """One frame as streamed, in Motive's own axes.
 
     identities (n,), positions (n, 3) m, quaternions (n, 4) x, y, z, w, errors (n,) m: mean marker
@@ -116,7 +116,7 @@ _PRECISE = struct.Struct("<II")
 _END = struct.Struct("<hi")
 
 
-def decode_frame(payload: bytes, version: Version) -> Frame:
+def decode_frame(payload: bytes, version: Version) -> MocapFrame:
     """The frame in `payload` (without the packet's header). Raises TornError, and nothing else."""
     cursor = _Cursor(payload)
     try:
@@ -125,7 +125,7 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
         raise TornError from error
 
 
-def _decode(cursor: _Cursor, version: Version) -> Frame:
+def _decode(cursor: _Cursor, version: Version) -> MocapFrame:
     (number,) = cursor.unpack(_INT)
     _skip(cursor, version, _skip_marker_set)
     _skip(cursor, version, 12)  # other markers
@@ -201,7 +201,7 @@ def _read_bodies(cursor: _Cursor, version: Version) -> list[tuple[Any, ...]]:
 
 def _read_end(
     cursor: _Cursor, version: Version, number: int, bodies: list[tuple[Any, ...]]
-) -> Frame:
+) -> MocapFrame:
     timecode, subframe = cursor.unpack(_TIMECODE)
     (timestamp,) = cursor.unpack(_TIMESTAMP)
     stamps = cursor.unpack(_STAMPS) if version >= (3, 0) else (0, 0, 0)
@@ -212,7 +212,7 @@ def _read_end(
     if end != 0 or cursor.left or not abs(timestamp) < _LATEST_S:
         raise TornError
     numbers = np.array([body[1:9] for body in bodies], dtype=float).reshape(-1, 8)
-    return Frame(
+    return MocapFrame(
         number=number,
         identities=np.array([body[0] for body in bodies], dtype=np.int64),
         positions=numbers[:, :3],
@@ -230,7 +230,7 @@ def _read_end(
     )
 
 
-def encode_frame(frame: Frame, version: Version) -> bytes:
+def encode_frame(frame: MocapFrame, version: Version) -> bytes:
     """The payload that a server of `version` sends for `frame`: its bodies, and nothing else."""
     bodies = [
         _BODY.pack(identity, *position, *quaternion, error, _TRACKED if tracked else 0)

@@ -29,7 +29,7 @@ class Interface:
 
 
 def interfaces() -> list[Interface]:
-    """The interfaces that are up, each with its first IPv4 address, as far as the system tells."""
+    """The interfaces that are up, each with its first IPv4 address, as far as the system says."""
     found = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
@@ -106,7 +106,7 @@ class Link:
         return packets
 
     def way(self) -> tuple[str, str]:
-        """The interface used, in words, and what speaks against it ("" where nothing does)."""
+        """The interface used, as text, and what speaks against it ("" where nothing does)."""
         known = interfaces()
         used = [each for each in known if each.address == self.local]
         if not used:
@@ -120,7 +120,7 @@ class Link:
         return str(used[0]), ""
 
 
-def explain(error: OSError, server: str) -> UserError:
+def explain_network(error: OSError, server: str) -> UserError:
     """What a socket's failure means to the user."""
     if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENODEV):
         why = "this computer has no network that leads there"

@@ -1,7 +1,7 @@
 """NatNet, the protocol by which OptiTrack's Motive streams: packets ↔ values.
 
 A packet is one UDP datagram: message (2), size of what follows (2), little-endian. The client asks
-on the command port: connect, echo (which tells the server's clock), keep-alive (unicast only).
+on the command port: connect, echo (which gives the server's clock), keep-alive (unicast only).
 Frames (`natnet_frames`) come on the data port; by unicast, to where `connect` came from.
 Source: the packet layout of OptiTrack's NatNet SDK.
 """
@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from host.drivers.natnet.frames import Frame, TornError, Version, decode_frame, encode_frame
+from host.drivers.natnet.frames import MocapFrame, TornError, Version, decode_frame, encode_frame
 from host.messages import Bodies, BoolArray, FloatArray
 
 Up = Literal["y", "z"]
@@ -67,7 +67,7 @@ class MocapDecoder:
         self.version = version
         self.counts = Counter(frames=0, malformed=0, unversioned=0, others=0)
 
-    def feed(self, packet: bytes) -> Frame | ServerInfo | Echo | None:
+    def feed(self, packet: bytes) -> MocapFrame | ServerInfo | Echo | None:
         """The value of one datagram; None for what is damaged or not needed."""
         try:
             message, payload = split(packet)
@@ -85,7 +85,7 @@ class MocapDecoder:
         self.counts["others"] += 1
         return None
 
-    def _frame(self, payload: bytes) -> Frame | None:
+    def _frame(self, payload: bytes) -> MocapFrame | None:
         if self.version is None:
             self.counts["unversioned"] += 1
             return None
@@ -163,7 +163,7 @@ def server_info(info: ServerInfo) -> bytes:
     return _join(SERVER_INFO, payload)
 
 
-def frame_packet(frame: Frame, version: Version) -> bytes:
+def frame_packet(frame: MocapFrame, version: Version) -> bytes:
     """The datagram of one frame."""
     return _join(FRAME, encode_frame(frame, version))
 
@@ -184,7 +184,7 @@ def floor_poses(positions: FloatArray, quaternions: FloatArray, up: Up) -> Float
     return np.stack((positions[:, 0], y, np.arctan2(left, ahead)), axis=-1)
 
 
-def bodies_of(frame: Frame, time: float, up: Up) -> Bodies:
+def bodies_of(frame: MocapFrame, time: float, up: Up) -> Bodies:
     """The tracked bodies of a frame that was exposed at `time` (host, s)."""
     seen = frame.tracked
     poses = floor_poses(frame.positions[seen], frame.quaternions[seen], up)
@@ -200,10 +200,10 @@ def frame_of(
     received: int = 0,
     transmitted: int = 0,
     height_m: float = 0.2,
-) -> Frame:
+) -> MocapFrame:
     """The frame that a server sends of bodies upright at `height_m`; the way back of `bodies_of`.
 
-    exposed, received, transmitted: as in `Frame`. A body at nan is one that is not tracked.
+    exposed, received, transmitted: as in `MocapFrame`. A body at nan is one that is not tracked.
     """
     tracked: BoolArray = np.asarray(np.isfinite(bodies.poses).all(axis=1))
     x, y, heading = np.where(tracked, bodies.poses.T, 0.0)
@@ -213,7 +213,7 @@ def frame_of(
         positions, quaternions = (x, height, -y), (zero, sine, zero, cosine)
     else:
         positions, quaternions = (x, y, height), (zero, zero, sine, cosine)
-    return Frame(
+    return MocapFrame(
         number=number,
         identities=bodies.identities,
         positions=np.stack(positions, axis=-1),

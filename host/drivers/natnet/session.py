@@ -6,7 +6,7 @@ from collections.abc import Callable
 from host.config import NatNet
 from host.drivers.clock import ClockSync
 from host.drivers.natnet.echo_clock import EchoClock
-from host.drivers.natnet.frames import Frame
+from host.drivers.natnet.frames import MocapFrame
 from host.drivers.natnet.network import Link
 from host.drivers.natnet.protocol import Echo, ServerInfo, connect, echo_request, keep_alive
 
@@ -38,7 +38,7 @@ class MocapSession:
         self._next_ask = 0.0
 
     def ask(self, link: Link) -> None:
-        """Ask for the server's clock, when it is time to; that also tells whether it is there."""
+        """Ask for the server's clock, when it is time to; that also shows whether it is there."""
         if self._clock() < self._next_ask:
             return
         self._next_ask = self._clock() + _ASK_PERIOD_S
@@ -53,7 +53,7 @@ class MocapSession:
             link.send(echo_request(self._questions))
 
     def answer(self, echo: Echo) -> int:
-        """Take in the server's clock; 1 where it turned out to count anew, else 0."""
+        """Take in the server's clock; 1 where it has started to count anew, else 0."""
         sent = dict(self._asked).get(echo.asked)
         if self._echo is None or sent is None:
             return 0
@@ -61,11 +61,11 @@ class MocapSession:
         self._echo.update(echo.server, sent, self._clock())
         return self._echo.restarts - before
 
-    def time_of(self, frame: Frame) -> float | None:
+    def time_of(self, frame: MocapFrame) -> float | None:
         """Host time (s) of the middle of the exposure; None while the clock is not known.
 
-        Cameras that do not tell their exposure are stamped with the reception of their data,
-        servers that do not tell their clock (before 3.0) with the arrival of the frame.
+        Cameras that do not give their exposure are stamped with the reception of their data,
+        servers that do not give their clock (before 3.0) with the arrival of the frame.
         """
         arrival = self._clock()
         stamp = frame.exposed or frame.received or frame.transmitted
@@ -79,4 +79,4 @@ class MocapSession:
         """How well times are known."""
         if self._echo is not None and self._echo.ready:
             return f"clock known to {1000.0 * self._echo.uncertainty_s:.1f} ms"
-        return "stamped on arrival, for the server does not tell its clock"
+        return "stamped on arrival, for the server does not give its clock"

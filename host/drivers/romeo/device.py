@@ -12,7 +12,7 @@ import serial
 from host.config import RobotConfig
 from host.drivers.reconnect import keep_connected
 from host.drivers.romeo.differential_drive import wheel_speeds
-from host.drivers.romeo.ports import NAME, SKETCH_IDS
+from host.drivers.romeo.ports import BOARD, SKETCH_IDS
 from host.drivers.romeo.session import BoardSession
 from host.drivers.serial_port import find_port, open_port, read_available
 from host.errors import UserError
@@ -65,7 +65,7 @@ class Romeo:
 
     def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """One connection, until `stop` is set or the port fails."""
-        with open_port(find_port(NAME, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
+        with open_port(find_port(BOARD, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
             self._session.connect(self._clock())
             try:
                 while not stop.is_set():
@@ -99,7 +99,7 @@ class Romeo:
         if (ok, reason) == self._told and now < self._told_at + HEALTH_PERIOD_S:
             return
         self._told, self._told_at = (ok, reason), now
-        emit(Health(now, NAME, ok, reason, self._session.counts()))
+        emit(Health(now, BOARD, ok, reason, self._session.counts()))
 
 
 def _clip(value: float, limit: float) -> float:

@@ -13,7 +13,7 @@ from serial.tools import list_ports
 from host.drivers.serial_port import find_port, open_port, stable_path
 from host.errors import UserError
 
-NAME = "board"
+BOARD = "board"
 AUTO = "auto"
 # Arduino's two vendor ids. A board that was touched or reset shows the bootloader for 8 s.
 SKETCH_IDS = ((0x2341, 0x8036), (0x2A03, 0x8036))
@@ -67,7 +67,7 @@ def find_board(configured: str = AUTO) -> BoardPort:
     Raises UserError where there is none, where there are several, or where it is another device.
     """
     try:
-        path = find_port(NAME, (*SKETCH_IDS, *BOOTLOADER_IDS), configured)
+        path = find_port(BOARD, (*SKETCH_IDS, *BOOTLOADER_IDS), configured)
     except UserError as error:
         raise UserError(
             error.what,

@@ -21,7 +21,7 @@ from host.errors import UserError
 from host.messages import Health, Message
 
 USB_IDS = ((0x10C4, 0xEA60),)  # the CP2102 on the X4's adapter board
-DEVICE = "lidar"
+LIDAR = "lidar"
 _REPLY_WAIT_S = 1.0
 _SPIN_UP_S = 3.0
 _SILENCE_S = 1.0
@@ -59,7 +59,7 @@ class X4:
 
     def _serve(self) -> None:
         """One connection: from opening the port to its loss or to the end."""
-        path = find_port(DEVICE, USB_IDS, self._config.port)
+        path = find_port(LIDAR, USB_IDS, self._config.port)
         # The motor starts on a rising edge of DTR, which opening a port may already have raised.
         port = open_port(path, BAUDRATE, dtr=False)
         try:
@@ -217,4 +217,4 @@ class X4:
             return
         self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
         counts = {**self._decoder.counts, "connections": self._connections}
-        self._emit(Health(now, DEVICE, ok, reason, counts))
+        self._emit(Health(now, LIDAR, ok, reason, counts))

@@ -1,4 +1,4 @@
-"""Paint faces into a picture: antialiased, blurred by the robot's turning, nearer over farther."""
+"""Paint faces into a picture: antialiased, blurred by the robot's rotation, nearer over farther."""
 
 import math
 from collections.abc import Sequence
@@ -8,11 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from host.messages import FloatArray
+from host.messages import FloatArray, Image
 from host.perception.lens import View
 from host.simulation.pictures.solids import Face
-
-Image = NDArray[np.uint8]
 
 _SHIFT_BITS = 4  # of fillPoly's coordinates
 
@@ -49,7 +47,7 @@ class Painter:
     ) -> Sprite | None:
         """Faces painted in their order; None where no part of them is in the picture.
 
-        middle (3,) m: by whose way the whole is blurred, where the robot turns by `turn_rad`
+        middle (3,) m: by whose way the whole is blurred, where the robot rotates by `turn_rad`
         while the picture is exposed.
         """
         outlines = self._outlines(faces)
@@ -98,7 +96,7 @@ class Painter:
         return outlines
 
     def _smear(self, middle: FloatArray, turn_rad: float) -> FloatArray:
-        """How far (2,) px a point of the room moves in the picture while the robot turns."""
+        """How far (2,) px a point of the room moves in the picture while the robot rotates."""
         if turn_rad == 0.0:
             return np.zeros(2)
         c, s = math.cos(0.5 * turn_rad), math.sin(0.5 * turn_rad)

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from host.config import Camera, Cameras
-from host.messages import FloatArray
+from host.messages import FloatArray, Image
 from host.perception.lens import View
-from host.simulation.pictures.painting import Image, Painter, Sprite, lay
+from host.simulation.pictures.painting import Painter, Sprite, lay
 from host.simulation.pictures.patches import Patch, in_band, red_patches
 from host.simulation.pictures.scenery import Scenery
 from host.simulation.pictures.sightings import Sightings, visible
@@ -30,7 +30,7 @@ class Look:
     quality: of the JPEG. noise: std of the sensor's, of 255; black is as much above 0 as it takes
     to show nearly all of it. brightness: factor on all values;
     light_spread: by how much of it the light changes from picture to picture, slowly.
-    exposure_s: turning blurs by it. floor_patches, wall_patches: red things in the room that are
+    exposure_s: a rotation blurs by it. floor_patches, wall_patches: red things in the room that are
     no strips, drawn where they stay out of the band in which strips appear; in_band_share: of
     them, those that do come into it.
     """
@@ -50,7 +50,7 @@ class Surroundings:
     """What is around the robot at one time.
 
     teammates (n, 2) and posts (m, 2) m in the robot frame; pose (3,): the robot's own x, y (m) and
-    heading (rad) in the room; turn_rate_radps: how fast it turns.
+    heading (rad) in the room; turn_rate_radps: how fast it rotates.
     """
 
     teammates: FloatArray
@@ -82,16 +82,16 @@ class Renderer:
 
     def render(self, scene: Surroundings, number: int) -> bytes:
         """Return the JPEG of the scene; `number` counts pictures."""
-        return encode(self.picture(scene, number), self._look.quality)
+        return encode_jpeg(self.picture(scene, number), self._look.quality)
 
     def picture(self, scene: Surroundings, number: int) -> Image:
         """Return the picture (height, width, 3), blue first, before compression."""
         self._enter_room(scene.half_side_m)
         random = np.random.default_rng([self._seed, number])
         gain = self._gain(number, random)
-        turn = scene.turn_rate_radps * self._look.exposure_s
-        canvas = self._scenery.picture(scene.pose, turn, gain)
-        for sprite in self._sprites(scene, turn):
+        turn_rad = scene.turn_rate_radps * self._look.exposure_s
+        canvas = self._scenery.picture(scene.pose, turn_rad, gain)
+        for sprite in self._sprites(scene, turn_rad):
             lay(canvas, sprite, gain)
         if self._own is not None:
             lay(canvas, self._own, gain)
@@ -154,7 +154,7 @@ class Renderer:
         cv2.add(canvas, self._noise[y : y + height, x : x + width], dst=canvas)
 
 
-def encode(picture: Image, quality: int) -> bytes:
+def encode_jpeg(picture: Image, quality: int) -> bytes:
     """Return the picture (h, w, 3) as a JPEG of this quality, 1 to 100."""
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return bytes(data)
@@ -174,7 +174,7 @@ def frames(
     """Yield `count` pictures (JPEG) of random scenes and what is truly visible in each.
 
     The teammates stand at `ranges_m` from the camera, anywhere within 100 deg of its heading. The
-    robot turns by up to `turn_rate_radps`. camera: the front one of `cameras` where not given.
+    robot rotates by up to `turn_rate_radps`. camera: the front one of `cameras` where not given.
     """
     cameras = cameras or Cameras()
     camera = camera or cameras.front

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from host.geometry import rotation, to_parent
-from host.messages import FloatArray
+from host.messages import FloatArray, Image
 from host.perception.lens import View
-from host.simulation.pictures.painting import Image
 from host.simulation.world.raycast import Beams, meet_walls
 
 COARSE = 5  # px of the picture a side of one that is computed: nothing here is sharp
@@ -63,14 +62,14 @@ class Scenery:
     def picture(self, pose: FloatArray, turn_rad: float, gain: float) -> Image:
         """The empty room (h, w, 3) from a robot at `pose` (x, y, heading), as bright as `gain`.
 
-        turn_rad: by how much the robot turns while the picture is exposed.
+        turn_rad: by how much the robot rotates while the picture is exposed.
         """
         steps = min(5, 1 + int(abs(turn_rad) * 0.25 * self._size[0] / COARSE))
-        turns = ((np.arange(steps) + 0.5) / steps - 0.5) * turn_rad
+        angles = ((np.arange(steps) + 0.5) / steps - 0.5) * turn_rad
         mean = np.zeros((*self._shape, 3), dtype=np.float32)
-        for turn in turns:
-            turned = np.array([pose[0], pose[1], pose[2] + turn])
-            cv2.accumulate(self._at(turned), mean)
+        for angle in angles:
+            rotated = np.array([pose[0], pose[1], pose[2] + angle])
+            cv2.accumulate(self._at(rotated), mean)
         coarse = cv2.convertScaleAbs(cv2.multiply(mean, self._falloff), alpha=gain / steps)
         large = cv2.resize(coarse, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
         width, height = self._size
@@ -83,8 +82,8 @@ class Scenery:
         starts = np.broadcast_to(start, directions.shape)
         walls = meet_walls(Beams(starts, starts, directions), self._half_side_m)
         to_wall = walls.distances.astype(np.float32)[self._bearing]
-        turn = rotation(pose[2]).astype(np.float32)
-        row, column = self._texture.on_floor(self._floor @ turn.T + start.astype(np.float32))
+        to_room = rotation(pose[2]).astype(np.float32)
+        row, column = self._texture.on_floor(self._floor @ to_room.T + start.astype(np.float32))
         wall = np.flatnonzero(to_wall <= self._to_floor)
         height = np.float32(self._origin[2]) + to_wall[wall] * self._slope[wall]
         along = walls.places.astype(np.float32)[self._bearing[wall]]

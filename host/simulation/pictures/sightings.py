@@ -27,7 +27,7 @@ class Sightings:
 
 
 def visible(view: View, strip: Strip, teammates: FloatArray, posts: FloatArray) -> Sightings:
-    """Tell what `view` truly sees of teammates (n, 2) m among posts (m, 2) m, robot frame."""
+    """What `view` truly sees of teammates (n, 2) m among posts (m, 2) m, robot frame."""
     x, y = (teammates - view.origin[:2]).T
     coat = strip_of(strip)
     solids = [

@@ -15,7 +15,7 @@ from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
 from host.simulation.world.scenarios import Scenario
 
-STEP_S = 0.02
+ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
@@ -50,8 +50,8 @@ class Arena:
         self._heading = self._random.uniform(-math.pi, math.pi, self.count)
         self._velocity = np.zeros(self.count)
         self._turn_rate = np.zeros(self.count)
-        self._turn_until = np.zeros(self.count)
-        self._turn_sign = np.ones(self.count)
+        self._rotate_until = np.zeros(self.count)
+        self._rotation_sign = np.ones(self.count)
         self._history = np.zeros((512, self.count, 3))
         self._first = 0  # the step of the history's first row
         self._steps = 0
@@ -76,7 +76,7 @@ class Arena:
     @property
     def now(self) -> float:
         """The time reached, s."""
-        return (self._steps - 1) * STEP_S
+        return (self._steps - 1) * ARENA_STEP_S
 
     def advance(self, until: float) -> None:
         """Move on to `until` seconds, in whole steps; never back."""
@@ -89,9 +89,9 @@ class Arena:
         Before 0, or what is forgotten, the robots stand still; a later time than reached moves the
         arena on.
         """
-        index = np.maximum(np.asarray(times, dtype=float) / STEP_S, 0.0)
+        index = np.maximum(np.asarray(times, dtype=float) / ARENA_STEP_S, 0.0)
         if index.size:
-            self.advance(float(index.max()) * STEP_S)
+            self.advance(float(index.max()) * ARENA_STEP_S)
         index = np.maximum(index, self._first)
         before = np.minimum(index.astype(np.intp), self._steps - 1)
         after = np.minimum(before + 1, self._steps - 1)
@@ -106,7 +106,7 @@ class Arena:
 
     def forget(self, before: float) -> None:
         """Forget poses of times before `before` (s), now or later."""
-        old = min(int(before / STEP_S), self._steps - 1) - self._first
+        old = min(int(before / ARENA_STEP_S), self._steps - 1) - self._first
         if old >= FORGET_STEPS:
             self._history = self._history[old:].copy()
             self._first += old
@@ -122,40 +122,40 @@ class Arena:
     def _step(self) -> None:
         offsets = self._offsets(self._position)
         self._decide(offsets)
-        turning = self.now < self._turn_until
-        speed = np.where(turning, 0.0, self._speed)
-        rate = np.where(turning, self._turn_sign * TURN_RATE_RADPS, 0.0)
-        self._velocity += _limited(speed - self._velocity, ACCELERATION_MPS2 * STEP_S)
-        self._turn_rate += _limited(rate - self._turn_rate, TURN_ACCELERATION_RADPS2 * STEP_S)
+        rotating = self.now < self._rotate_until
+        speed = np.where(rotating, 0.0, self._speed)
+        rate = np.where(rotating, self._rotation_sign * TURN_RATE_RADPS, 0.0)
+        self._velocity += _limited(speed - self._velocity, ACCELERATION_MPS2 * ARENA_STEP_S)
+        self._turn_rate += _limited(rate - self._turn_rate, TURN_ACCELERATION_RADPS2 * ARENA_STEP_S)
 
-        middle = self._heading + 0.5 * STEP_S * self._turn_rate
-        move = (STEP_S * self._velocity)[:, None] * np.stack(
+        middle = self._heading + 0.5 * ARENA_STEP_S * self._turn_rate
+        move = (ARENA_STEP_S * self._velocity)[:, None] * np.stack(
             (np.cos(middle), np.sin(middle)), axis=1
         )
         stopped = self._would_touch(move, offsets)
         if stopped.any():
             move[stopped] = 0.0
             self._velocity[stopped] = 0.0
-            self._start_turn(stopped & ~turning, self._random_signs())
+            self._start_rotation(stopped & ~rotating, self._random_signs())
         self._position = self._position + move
-        self._heading = self._heading + STEP_S * self._turn_rate
+        self._heading = self._heading + ARENA_STEP_S * self._turn_rate
         self._record()
 
     def _decide(self, offsets: FloatArray) -> None:
-        """Start a turn away from whatever the front sensors of a robot going straight see."""
+        """Start a rotation away from whatever the front sensors of a robot going straight see."""
         left, right = self._proximity(offsets)
-        alarmed = (left | right) & (self.now >= self._turn_until)
+        alarmed = (left | right) & (self.now >= self._rotate_until)
         if alarmed.any():
             away = np.where(left, -1.0, 1.0)  # clockwise, away from what is on the left
-            self._start_turn(alarmed, np.where(left & right, self._random_signs(), away))
+            self._start_rotation(alarmed, np.where(left & right, self._random_signs(), away))
 
     def _random_signs(self) -> FloatArray:
         return self._random.choice(np.array([-1.0, 1.0]), self.count)
 
-    def _start_turn(self, which: BoolArray, signs: FloatArray) -> None:
+    def _start_rotation(self, which: BoolArray, signs: FloatArray) -> None:
         durations = self._random.uniform(*TURN_SECONDS, self.count)
-        self._turn_until = np.where(which, self.now + durations, self._turn_until)
-        self._turn_sign = np.where(which, signs, self._turn_sign)
+        self._rotate_until = np.where(which, self.now + durations, self._rotate_until)
+        self._rotation_sign = np.where(which, signs, self._rotation_sign)
 
     def _proximity(self, offsets: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Whether the left and the right pair of front sensors of each robot (n,) see anything."""

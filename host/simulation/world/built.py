@@ -46,8 +46,8 @@ def _misbuilt(config: RobotConfig, share: float) -> RobotConfig:
             ),
             "camera": camera.model_copy(
                 update={
-                    "front": _turned(camera.front, _CAMERA_RAD * share),
-                    "rear": _turned(camera.rear, -_CAMERA_RAD * share),
+                    "front": _rotated(camera.front, _CAMERA_RAD * share),
+                    "rear": _rotated(camera.rear, -_CAMERA_RAD * share),
                 }
             ),
             "mocap": config.mocap.model_copy(
@@ -61,7 +61,7 @@ def _misbuilt(config: RobotConfig, share: float) -> RobotConfig:
     )
 
 
-def _turned(camera: Camera, by_rad: float) -> Camera:
-    """A camera turned to the left and tilted down by an angle."""
+def _rotated(camera: Camera, by_rad: float) -> Camera:
+    """A camera rotated to the left and tilted down by an angle."""
     heading = math.remainder(camera.heading_rad + by_rad, math.tau)
     return camera.model_copy(update={"heading_rad": heading, "tilt_rad": camera.tilt_rad + by_rad})

@@ -37,7 +37,7 @@ def x4_beams(
     """Return the beams at raw angles (k,) rad, clockwise, of an X4 on a robot at poses (k, 3).
 
     mounting: the lidar's x, y (m) and heading (rad) in the robot frame. The laser sits beside the
-    axis and looks inwards: in the frame turned by the raw angle, x along it and y clockwise, the
+    axis and looks inwards: in the frame rotated by the raw angle, x along it and y clockwise, the
     beam is the line y = 21.8 - x 21.8 / 155.3, in mm.
     """
     x, y, heading = mounting

@@ -13,7 +13,7 @@ from host.config import Lidar as LidarConfig
 from host.config import Wheels
 from host.geometry import to_frame, wrap
 from host.messages import Bearings, BoolArray, FloatArray, IntArray
-from host.simulation.world.arena import FORGET_STEPS, STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.arena import ARENA_STEP_S, FORGET_STEPS, TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import Beams, WallHits, meet_cylinders, meet_walls, x4_beams
 from host.simulation.world.scenarios import Scenario
 
@@ -108,7 +108,7 @@ class SimulatedLidar:
     def _disturbed(self, times: FloatArray, beams: Beams, poses: FloatArray) -> BoolArray:
         """Where another X4 dazzles this one: each aims at the other (Perera 2021, section 3.2).
 
-        Both turn at nearly the same rate, so nulls come and go with the slow beat of the two.
+        Both spin at nearly the same rate, so nulls come and go with the slow beat of the two.
         """
         width = math.cos(math.radians(self._scenario.interference_deg))
         offset = poses[:, self._others, :2] - beams.centres[:, None]
@@ -116,8 +116,8 @@ class SimulatedLidar:
         aimed = np.einsum("kmd,kd->km", toward, beams.directions) > width
         sample, other = np.nonzero(aimed)
         robot = self._others[other]
-        turned = 2.0 * math.pi * self._spin_hz[robot] * times[sample] + self._spin_start[robot]
-        angle = poses[sample, robot, 2] - turned
+        spun = 2.0 * math.pi * self._spin_hz[robot] * times[sample] + self._spin_start[robot]
+        angle = poses[sample, robot, 2] - spun
         x, y = toward[sample, other].T
         back = -(x * np.cos(angle) + y * np.sin(angle)) > width
         disturbed: BoolArray = np.zeros(len(times), dtype=bool)
@@ -162,7 +162,7 @@ class SimulatedCamera:
         self._observer = observer
         self._others = np.delete(np.arange(arena.count), observer)
         self._scenario = scenario
-        # No filter is told that a bearing is exact.
+        # No filter is given an exact bearing.
         self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
         self._random = scenario.generator("camera")
 
@@ -176,7 +176,9 @@ class SimulatedCamera:
         own = poses[self._observer]
         teammates = to_frame(poses[self._others, :2], own)
         cylinders = np.concatenate((teammates, to_frame(self._arena.posts, own)))
-        chance = self._detection_probability(teammates) * ~hidden(cylinders)[: len(teammates)]
+        chance = (
+            self._detection_probability(teammates) * ~hidden_by_others(cylinders)[: len(teammates)]
+        )
         seen = self._random.random(len(chance)) < chance
         noise = math.radians(scenario.bearing_noise_deg) * self._random.standard_normal(len(chance))
         true = np.arctan2(teammates[:, 1], teammates[:, 0])
@@ -197,7 +199,7 @@ class SimulatedCamera:
         return probability
 
 
-def hidden(positions: FloatArray) -> BoolArray:
+def hidden_by_others(positions: FloatArray) -> BoolArray:
     """Which cylinders (n, 2) have their axis behind a nearer one, seen from the origin."""
     distance = np.hypot(positions[:, 0], positions[:, 1])
     bearing = np.arctan2(positions[:, 1], positions[:, 0])
@@ -208,7 +210,7 @@ def hidden(positions: FloatArray) -> BoolArray:
 
 
 class SimulatedEncoders:
-    """The wheel encoders of one robot: what its wheels turned, with slip."""
+    """The wheel encoders of one robot: how far its wheels rotated, with slip."""
 
     def __init__(self, arena: Arena, observer: int, scenario: Scenario, wheels: Wheels) -> None:
         self._arena = arena
@@ -217,7 +219,7 @@ class SimulatedEncoders:
         radii = np.array([wheels.left_radius_m, wheels.right_radius_m])
         self._counts_per_m = wheels.counts_per_turn / (2.0 * math.pi * radii)
         self._random = scenario.generator("wheel slip")
-        self._keep = math.exp(-STEP_S / scenario.slip_seconds)
+        self._keep = math.exp(-ARENA_STEP_S / scenario.slip_seconds)
         self._kick = scenario.wheel_slip * math.sqrt(1.0 - self._keep**2)
         self._slip = scenario.wheel_slip * self._random.standard_normal(2)
         self._counts = [np.zeros(2)]  # at every step of the arena from `_first` on
@@ -225,7 +227,7 @@ class SimulatedEncoders:
 
     def ticks(self, time: float) -> tuple[int, int]:
         """Encoder counts (left, right) since time 0, at `time` (s) or the oldest not forgotten."""
-        index = max(time / STEP_S, self._first)
+        index = max(time / ARENA_STEP_S, self._first)
         before = int(index)
         self._extend(before + 1)
         begin, end = self._counts[before - self._first : before - self._first + 2]
@@ -234,7 +236,7 @@ class SimulatedEncoders:
 
     def forget(self, before: float) -> None:
         """Forget counts of times before `before` (s), now or later."""
-        old = min(int(before / STEP_S) - self._first, len(self._counts) - 1)
+        old = min(int(before / ARENA_STEP_S) - self._first, len(self._counts) - 1)
         if old >= FORGET_STEPS:
             del self._counts[:old]
             self._first += old
@@ -244,12 +246,12 @@ class SimulatedEncoders:
         known = self._first + len(self._counts) - 1
         if step <= known:
             return
-        self._arena.advance(step * STEP_S)
+        self._arena.advance(step * ARENA_STEP_S)
         track = self._arena.track(self._observer, known)[: step - known + 1]
-        turn = np.diff(track[:, 2])
-        middle = track[:-1, 2] + 0.5 * turn
+        rotation = np.diff(track[:, 2])
+        middle = track[:-1, 2] + 0.5 * rotation
         travel = np.diff(track[:, 0]) * np.cos(middle) + np.diff(track[:, 1]) * np.sin(middle)
-        sideways = self._half_track * turn
+        sideways = self._half_track * rotation
         for wheels in np.stack((travel - sideways, travel + sideways), axis=1):
             counted = self._counts_per_m * wheels * (1.0 + self._slip)
             self._counts.append(self._counts[-1] + counted)

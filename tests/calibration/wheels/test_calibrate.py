@@ -360,7 +360,8 @@ def half(whole, second):
 @pytest.fixture(scope="module")
 def sessions(recorded):
     read = {
-        name: optiodom.read(recorded(f"optiodom/{name}")) for name in ("circular", "free", "square")
+        name: optiodom.read_runs(recorded(f"optiodom/{name}"))
+        for name in ("circular", "free", "square")
     }
     nominal = read["free"][0].wheels
     return nominal, {name: [drive_of_run(run) for run in runs] for name, runs in read.items()}

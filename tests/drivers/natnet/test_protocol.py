@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from host.drivers.natnet import protocol as natnet
-from host.drivers.natnet.frames import Frame
+from host.drivers.natnet.frames import MocapFrame
 from host.drivers.natnet.protocol import Echo, MocapDecoder, ServerInfo
 from host.messages import Bodies
 from tests.drivers.natnet.natnet_packets import (
@@ -71,7 +71,7 @@ def traffic(recorded):
         if source in (1510, 1511)
     ]
     values = [decoder.feed(packet) for packet in packets]
-    frames = [(v, p) for v, p in zip(values, packets, strict=True) if isinstance(v, Frame)]
+    frames = [(v, p) for v, p in zip(values, packets, strict=True) if isinstance(v, MocapFrame)]
     return values, frames, decoder
 
 
@@ -219,7 +219,7 @@ def test_a_tracked_body_out_of_this_world_is_damage():
         ([0, 0, 0], [0, 0, 0, 0]),
         ([0, 0, 0], [1e30, 0, 0, 1e30]),
     ):
-        bad = Frame(1, good.identities, np.array([position]), np.array([quaternion]),
+        bad = MocapFrame(1, good.identities, np.array([position]), np.array([quaternion]),
                     good.errors, good.tracked)  # fmt: skip
         decoder = MocapDecoder((3, 0))
         assert decoder.feed(natnet.frame_packet(bad, (3, 0))) is None
@@ -261,9 +261,9 @@ def test_damaged_packets_raise_nothing_and_torn_ones_give_no_frame():
         decoder = decoders[version]
         decoder.version = version
         value = decoder.feed(damaged)
-        assert not (torn and isinstance(value, Frame)), f"case {k}"
+        assert not (torn and isinstance(value, MocapFrame)), f"case {k}"
         answers += isinstance(value, (ServerInfo, Echo))
-        if isinstance(value, Frame) and k % 10 == 0:
+        if isinstance(value, MocapFrame) and k % 10 == 0:
             assert np.isfinite(natnet.bodies_of(value, 0.0, "y").poses).all(), f"case {k}"
     counts = sum((decoder.counts for decoder in decoders.values()), Counter())
     assert sum(counts.values()) + answers == 100_000

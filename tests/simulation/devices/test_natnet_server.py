@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from host.drivers.natnet import protocol as natnet
-from host.drivers.natnet.frames import Frame
+from host.drivers.natnet.frames import MocapFrame
 from host.drivers.natnet.protocol import Echo, MocapDecoder, ServerInfo
 from host.simulation.devices.natnet_server import CAMERA_S, CLOCK_HZ, SOLVING_S, NatNetServer
 
@@ -38,7 +38,7 @@ def test_it_answers_and_streams_to_who_connected(client):
         values = [decoder.feed(client.recv(9999)) for _ in range(30)]
     (echo,) = [value for value in values if isinstance(value, Echo)]
     assert echo.asked == 77
-    frames = [value for value in values if isinstance(value, Frame)]
+    frames = [value for value in values if isinstance(value, MocapFrame)]
     assert len(frames) == 29
     for frame in frames:
         assert (frame.received - frame.exposed) / CLOCK_HZ == pytest.approx(CAMERA_S, abs=1e-6)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from host.errors import UserError
-from host.simulation.world.arena import BODY_RADIUS_M, STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.arena import ARENA_STEP_S, BODY_RADIUS_M, TURRET_RADIUS_M, Arena
 from host.simulation.world.scenarios import KNOWN, parse
 
 
 def walk(text: str, seconds: float) -> tuple[Arena, np.ndarray]:
     """An arena and its poses (k, n, 3) at every step."""
     arena = Arena(parse(text))
-    poses = arena.poses(np.arange(round(seconds / STEP_S) + 1) * STEP_S)
+    poses = arena.poses(np.arange(round(seconds / ARENA_STEP_S) + 1) * ARENA_STEP_S)
     return arena, poses
 
 
@@ -52,9 +52,9 @@ def test_motion_is_along_the_heading_and_within_speed_and_slew_limits() -> None:
     forward = step[:, :, 0] * np.cos(middle) + step[:, :, 1] * np.sin(middle)
     assert np.abs(sideways).max() < 1e-12
     assert forward.min() > -1e-12
-    assert forward.max() / STEP_S == pytest.approx(0.3)
-    assert np.abs(step[:, :, 2]).max() / STEP_S == pytest.approx(3.0)
-    assert np.abs(np.diff(forward, axis=0)).max() / STEP_S**2 < 1.0 + 1e-6
+    assert forward.max() / ARENA_STEP_S == pytest.approx(0.3)
+    assert np.abs(step[:, :, 2]).max() / ARENA_STEP_S == pytest.approx(3.0)
+    assert np.abs(np.diff(forward, axis=0)).max() / ARENA_STEP_S**2 < 1.0 + 1e-6
     # Straight on most of the time, and both ways of turning in use.
     assert np.mean(np.abs(step[:, :, 2]) < 1e-9) > 0.5
     assert (step[:, :, 2] < -0.05).any()

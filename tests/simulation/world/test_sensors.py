@@ -12,7 +12,7 @@ from host.config import BlindSector, RobotConfig
 from host.drivers.romeo.differential_drive import displacement
 from host.drivers.x4.packets import angle_correction
 from host.geometry import to_frame, to_parent, wrap
-from host.simulation.world.arena import STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.arena import ARENA_STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import meet_cylinders, meet_walls, x4_beams
 from host.simulation.world.scenarios import Scenario, parse
 from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
@@ -314,9 +314,11 @@ def dead_reckoned(encoders: SimulatedEncoders, start: np.ndarray, seconds: float
     """The pose that eq. 31 and 32 give, over intervals of 20 ms."""
     x, y, psi = start
     last = encoders.ticks(0.0)
-    for k in range(1, round(seconds / STEP_S) + 1):
-        ticks = encoders.ticks(k * STEP_S)
-        step = displacement(CONFIG.wheels, 0.0, STEP_S, ticks[0] - last[0], ticks[1] - last[1])
+    for k in range(1, round(seconds / ARENA_STEP_S) + 1):
+        ticks = encoders.ticks(k * ARENA_STEP_S)
+        step = displacement(
+            CONFIG.wheels, 0.0, ARENA_STEP_S, ticks[0] - last[0], ticks[1] - last[1]
+        )
         x += step.dx * math.cos(psi) - step.dy * math.sin(psi)
         y += step.dx * math.sin(psi) + step.dy * math.cos(psi)
         psi += step.dpsi
