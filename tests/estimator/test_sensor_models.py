@@ -207,3 +207,14 @@ def test_a_picture_says_nothing_of_what_it_cannot_show(centre: float) -> None:
     assert np.all((seen > 0.0) == inside, where=~edge)
     around = CameraModel(Cameras()).detection(bearing, distance, OPEN, (0.0, math.pi))
     assert np.array_equal(seen[inside & ~edge], around[inside & ~edge])
+
+
+@pytest.mark.parametrize(
+    ("beyond_m", "factor"), [(-0.13, 0.1), (-0.11, 0.85), (0.11, 0.85), (0.13, 1.0)]
+)
+def test_within_12_cm_of_the_return_a_turret_is_there_but_may_not_be_recognised(beyond_m, factor):
+    model = LidarModel(Lidar(blind_sectors=()))
+    place = np.zeros(1), np.ones(1)
+    clear = model.detection(*place, np.full(360, 3.0), True)
+    found = model.detection(*place, np.full(360, 1.0 + beyond_m), True)
+    assert found == pytest.approx(factor * clear)
