@@ -35,7 +35,7 @@ test: $(VENV)/ready-test
 
 lint: $(VENV)/ready-dev
 	$(BIN)/ruff check
-	$(BIN)/ruff format --check host tests tools
+	$(BIN)/ruff format --check host swarmloc tests tools
 	$(BIN)/mypy
 
 bench: $(VENV)/ready-bench

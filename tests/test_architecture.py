@@ -36,6 +36,7 @@ def module_of(file: Path) -> str:
 
 
 MODULES = {module_of(file): file for file in sorted((ROOT / "host").rglob("*.py"))}
+PUBLIC = ROOT / "swarmloc"
 
 
 def room(module: str) -> str:
@@ -59,7 +60,7 @@ def imports(module: str) -> dict[str, int]:
         else:
             continue
         for name in names:
-            if name.split(".")[0] in ("host", "tools", "tests"):
+            if name.split(".")[0] in ("host", "swarmloc", "tools", "tests"):
                 found[name] = node.lineno
     return found
 
@@ -78,6 +79,15 @@ def test_a_file_imports_only_its_own_room_and_floors_below(module: str) -> None:
 
 def test_the_plan_names_the_rooms_that_there_are() -> None:
     assert sorted(FLOORS) == sorted({room(module) for module in MODULES} - {""})
+
+
+def test_the_public_package_is_names_of_host_and_nothing_more() -> None:
+    files = sorted(path for path in PUBLIC.iterdir() if path.is_file())
+    assert [path.name for path in files] == ["__init__.py", "__init__.pyi", "py.typed"]
+    lists = ast.parse((PUBLIC / "__init__.pyi").read_text(encoding="utf-8")).body
+    homes = [line.module for line in lists if isinstance(line, ast.ImportFrom)]
+    assert set(homes) <= set(MODULES), "it imports host only"
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) < 100
 
 
 def test_tools_do_not_lean_on_the_command_line() -> None:

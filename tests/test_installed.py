@@ -126,15 +126,20 @@ def test_the_wheel_works_in_an_empty_folder(user: User) -> None:
     run(*build, "--no-build-isolation", "--wheel-dir", user.folder / "wheel", ROOT)
     (wheel,) = (user.folder / "wheel").iterdir()
     run("-m", "pip", "--python", user.python, "install", "--no-deps", wheel)
-    where = user.run(user.python, "-c", "import host; print(host.__file__)", folder=user.folder)
-    assert where.stdout.startswith(f"{user.folder}/env/lib/")
+    code = (
+        "import swarmloc; print(swarmloc.__file__);"
+        "print(len(swarmloc.simulate('arena4:seconds=1').truths))"
+    )
+    where, truths = user.run(user.python, "-c", code, folder=user.folder).stdout.split()
+    assert where.startswith(f"{user.folder}/env/lib/")
+    assert int(truths) > 10
     use(user, [user.folder / "env/bin/swarmloc"])
 
 
 def test_a_checkout_that_cannot_be_written_works(user: User) -> None:
     board()
     checkout = user.folder / "checkout"
-    for room in ("host", "firmware", "robots"):
+    for room in ("host", "swarmloc", "firmware", "robots"):
         shutil.copytree(ROOT / room, checkout / room, ignore=shutil.ignore_patterns("__pycache__"))
     for path in (checkout, *checkout.rglob("*")):
         path.chmod(0o555 if path.is_dir() else 0o444)

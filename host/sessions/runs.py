@@ -98,21 +98,40 @@ def load_run(source: str, robot: RobotConfig | None) -> Run:
 
     Raises UserError where there is neither, and for a recording without truth.
     """
-    found = find_source(source)
-    if isinstance(found, Scenario):
-        simulation, all_messages = simulated(found, robot or RobotConfig())
-        messages, truths = _sort_out(all_messages, simulation.config)
-        config = simulation.config
-        return Run(source, str(OBSERVER), config, messages, truths, found)
-    config = robot or found.header.config
-    messages, truths = _sort_out(read_as(found, config), config)
-    if not truths:
+    if isinstance(find_source(source), Scenario):
+        return simulate_scenario(source, robot)
+    run = load_recording(source, robot)
+    if not run.truths:
         raise UserError(
             f"{source} cannot be scored",
             "it holds no truth: nobody measured where the teammates really were",
             "score a simulated run, or `swarmloc replay` it to see what is estimated",
         )
-    return Run(source, config.name, config, messages, truths)
+    return run
+
+
+def load_recording(path: str | Path, robot: RobotConfig | None = None) -> Run:
+    """What a recording holds; without motion capture or simulation there are no truths in it.
+
+    robot: read it as if it were taken with this configuration; None: with its own. Raises
+    UserError for a file that is not there or cannot be read.
+    """
+    recording = Recording(Path(path))
+    config = robot or recording.header.config
+    messages, truths = _sort_out(read_as(recording, config), config)
+    return Run(str(path), config.name, config, messages, truths)
+
+
+def simulate_scenario(scenario: str, robot: RobotConfig | None = None) -> Run:
+    """What a robot would measure in a scenario, and the truth at every scan besides.
+
+    scenario: as "arena4:seconds=60,seed=1". robot: None for the default. Raises UserError for a
+    scenario that does not exist or cannot be simulated.
+    """
+    parsed = scenarios.parse(scenario)
+    simulation, all_messages = simulated(parsed, robot or RobotConfig())
+    messages, truths = _sort_out(all_messages, simulation.config)
+    return Run(scenario, str(OBSERVER), simulation.config, messages, truths, parsed)
 
 
 def read_as(recording: Recording, config: RobotConfig) -> Iterator[Message]:

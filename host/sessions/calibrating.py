@@ -1,0 +1,43 @@
+"""A recording or a scenario through a calibration: without screen, report or robot.toml."""
+
+from collections.abc import Callable
+from typing import Literal
+
+from host.calibration.camera import calibrate as camera
+from host.calibration.detection import calibrate as detection
+from host.calibration.gathered import Gathered
+from host.calibration.lidar import calibrate as lidar
+from host.calibration.result import Calibration
+from host.calibration.wheels import calibrate as wheels
+from host.config import RobotConfig
+from host.errors import UserError
+from host.sessions.gathering import gather_source
+
+CalibrationKind = Literal["wheels", "lidar", "camera", "detection"]
+
+
+def calibrate_from(
+    kind: CalibrationKind, source: str, robot: RobotConfig | None = None
+) -> Calibration:
+    """Fit a part of the robot's configuration to what a recording, or a scenario, holds.
+
+    robot: what is known so far; a recording is read as if taken with it. None: the recording's
+    own, or the default. Raises UserError where the source cannot be read or has nothing to fit; a
+    fit that should not be used is returned, with its `failures`.
+    """
+    if kind not in _FITS:
+        raise UserError(f"there is no calibration of {kind!r}", f"known: {', '.join(_FITS)}")
+    return _FITS[kind](gather_source(source, robot))
+
+
+def _wheels(gathered: Gathered) -> Calibration:
+    config = gathered.config
+    return wheels.calibrate(wheels.drives_of(gathered), config.wheels, config.mocap)
+
+
+_FITS: dict[CalibrationKind, Callable[[Gathered], Calibration]] = {
+    "wheels": _wheels,
+    "lidar": lidar.calibrate,
+    "camera": camera.calibrate,
+    "detection": detection.calibrate,
+}

@@ -1,0 +1,40 @@
+from host.calibration.result import Calibration
+from host.calibration.robot_file import update as update_robot_file
+from host.config import RobotConfig
+from host.config import load as load_config
+from host.errors import UserError
+from host.estimator.clairvoyant import Clairvoyant
+from host.estimator.interface import Filter
+from host.estimator.last_reading import LastReading
+from host.estimator.perera2021 import Perera2021Filter
+from host.estimator.phd import PhdFilter
+from host.estimator.profiles import make as make_filter
+from host.evaluation.metrics import Row, gospa
+from host.localizer import Localizer
+from host.messages import (
+    Bearings,
+    Bodies,
+    Displacement,
+    Estimate,
+    Health,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
+from host.recording.log import Recorder, Recording, RecordingHeader
+from host.recording.mrclam import load_dataset as load_mrclam
+from host.recording.optiodom import read_runs as load_optiodom
+from host.sessions.calibrating import calibrate_from as calibrate
+from host.sessions.evaluating import score_sources as evaluate
+from host.sessions.localizing import localize
+from host.sessions.runs import Run, load_recording
+from host.sessions.runs import simulate_scenario as simulate
+
+__all__ = ["load_mrclam", "load_optiodom", "load_recording", "simulate"]
+__all__ += ["Recorder", "Recording", "RecordingHeader", "Run"]
+__all__ += ["Calibration", "Localizer", "Row", "calibrate", "evaluate", "gospa", "localize"]
+__all__ += ["RobotConfig", "UserError", "load_config", "update_robot_file"]
+__all__ += ["Clairvoyant", "Filter", "LastReading", "Perera2021Filter", "PhdFilter", "make_filter"]
+__all__ += ["Bearings", "Bodies", "Displacement", "Estimate"]
+__all__ += ["Health", "Message", "Positions", "Scan", "Truth"]
