@@ -4,17 +4,26 @@ Units stand in the names (`_m`, `_rad`, `_s`, ...). An unknown key, a wrong unit
 of range is an error that names the key, the line and the bound. Every value has a working default.
 """
 
-import difflib
 import math
-import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, Self, cast
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
+from host.config_errors import explain_settings
 from host.errors import UserError
+from host.registry import BOARDS, FILTERS, LIDARS, Registry
 
 
 class Section(BaseModel):
@@ -23,32 +32,57 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
+NOT_REGISTERED = "not_registered"  # the type of a validation error: a name without an entry
+
+
+def _registered(registry: Registry) -> Callable[[str], str]:
+    """A check that a name is in the registry."""
+
+    def check(name: str) -> str:
+        if name not in registry.names():
+            known = ", ".join(registry.names())
+            raise PydanticCustomError(
+                NOT_REGISTERED,
+                "no {kind} is called so; known: {known}; one of your own needs --plugin",
+                {"kind": registry.kind, "known": known},
+            )
+        return name
+
+    return check
+
+
 class Wheels(Section):
-    """The differential drive (eq. 31–32) and the noise of its odometry."""
+    """The differential drive (Perera 2021 eq. 31–32) and the noise of its odometry.
+
+    The noise is that of a random walk: its standard deviation grows with the square root of the
+    distance driven or of the angle turned.
+    """
 
     left_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
     right_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
     track_m: float = Field(0.144, gt=0.02, lt=2.0)
     counts_per_turn: int = Field(1920, ge=4, le=100_000)
-    distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m, grows with its root
-    heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std after 1 rad, grows with its root
-    drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # of the heading after 1 m, likewise
+    distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m
+    heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std of the heading after 1 rad
+    drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # std of the heading after 1 m
     max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
     max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
 
 
 class Board(Section):
-    """The Romeo board: `auto` finds it by its USB ids."""
+    """The board that counts ticks and drives the motors; port "auto": found by its USB ids."""
 
+    model: Annotated[str, AfterValidator(_registered(BOARDS))] = "romeo"
     port: str = Field("auto", min_length=1)
     report_rate_hz: int = Field(50, ge=10, le=100)
 
 
 class Motors(Section):
-    """What of the wheels is wired the other way round, and how their speeds are held.
+    """Which motors and encoders are wired the other way round, and how speeds are controlled.
 
-    The board is told at each connection. duty = (v + proportional * e + integral_per_s * sum of e
-    over time) / full_speed, with the wanted speed v and the speed error e.
+    The host sends these settings to the board at each connection. duty = (v + proportional * e +
+    integral_per_s * sum of e over time) / full_speed, with the commanded speed v and the speed
+    error e.
     """
 
     left_reversed: bool = False
@@ -62,13 +96,13 @@ class Motors(Section):
 
 
 class BlindSector(Section):
-    """Where a pillar of the robot's own camera holder hides the view."""
+    """A direction in which a pillar of the robot's own camera holder blocks the lidar's view."""
 
     centre_rad: float = Field(ge=-math.pi, le=math.pi)
     width_rad: float = Field(gt=0.0, lt=math.pi)
 
 
-# TOML has lists where the configuration, which does not change, has tuples.
+# TOML has lists; the configuration, which does not change, has tuples.
 BlindSectors = Annotated[
     tuple[BlindSector, ...],
     BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
@@ -83,8 +117,9 @@ def _pillars() -> tuple[BlindSector, ...]:
 
 
 class Lidar(Section):
-    """The lidar: port, mounting in the robot frame, and what it sees of a teammate."""
+    """The lidar: model, port, mounting in the robot frame, and what it sees of a teammate."""
 
+    model: Annotated[str, AfterValidator(_registered(LIDARS))] = "x4"
     port: str = Field("auto", min_length=1)
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
@@ -98,7 +133,7 @@ class Lidar(Section):
     detection_probability: float = Field(0.95, gt=0.0, lt=1.0)  # close by, in plain view
     half_range_m: float = Field(3.2, gt=0.1, lt=1000.0)  # where it has fallen to one half
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
-    clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections a turn
+    clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections per revolution
     blind_sectors: BlindSectors = Field(default_factory=_pillars)
 
 
@@ -149,26 +184,26 @@ class Cameras(Section):
     detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
-    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs a picture
-    use_ranges: bool = False  # what a strip's size says of its range
+    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs per picture
+    use_ranges: bool = False  # ranges from the size of a strip in the picture
     front: Camera = Camera()
     rear: Camera = Camera(heading_rad=math.pi)
     strip: Strip = Strip()
 
 
 class FilterSettings(Section):
-    """Which filter runs, and the settings of `phd` (docs/filters.md tells how they were chosen)."""
+    """Which filter runs, and the settings of `phd` (chosen in docs/filters.md)."""
 
-    profile: Literal["phd", "perera2021"] = "phd"
+    profile: Annotated[str, AfterValidator(_registered(FILTERS))] = "phd"
     motion_noise_m: float = Field(0.09, gt=0.0, lt=5.0)  # std per axis after 1 s
-    motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # of its square, while unseen
-    obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # of the things that appear, not teammates
-    birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear, an update
+    motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # growth of its square while unseen
+    obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # share of the things that appear
+    birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear per update
     survival_range_m: float = Field(3.0, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
-    report_weight: float = Field(0.6, gt=0.0, lt=1.0)  # from here on a teammate is reported ...
-    forget_weight: float = Field(0.04, gt=0.0, lt=1.0)  # ... until it falls below this
-    report_sigma_m: float = Field(0.22, gt=0.0, lt=10.0)  # and not where known worse than this
+    report_weight: float = Field(0.6, gt=0.0, lt=1.0)  # from this weight a teammate is reported
+    forget_weight: float = Field(0.04, gt=0.0, lt=1.0)  # until it falls below this
+    report_sigma_m: float = Field(0.22, gt=0.0, lt=10.0)  # reported only if known this well
     prune_weight: float = Field(2e-4, gt=0.0, lt=0.1)
     merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared, in units of the mean variance
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis
@@ -189,7 +224,7 @@ class NatNet(Section):
     multicast_group: str = Field("239.255.42.99", min_length=1)
     command_port: int = Field(1510, ge=1, le=65535)
     data_port: int = Field(1511, ge=1, le=65535)
-    up: Literal["y", "z"] = "y"  # the axis that Motive calls up
+    up: Literal["y", "z"] = "y"  # the vertical axis in Motive
 
 
 class Ceiling(Section):
@@ -260,68 +295,7 @@ def parse(text: str, name: str = "robot.toml") -> RobotConfig:
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{name} is not valid TOML", str(error)) from error
     except ValidationError as error:
-        details = error.errors()
-        lines = "\n".join(_explain(detail, text) for detail in details[:5])
-        raise UserError(f"{name}: {len(details)} setting(s) cannot be used", lines) from error
-
-
-def _explain(detail: ErrorDetails, text: str) -> str:
-    location = list(detail["loc"])
-    key = ".".join(str(part) for part in location)
-    where = f"line {_line_of(location, text)}: {key}"
-    if detail["type"] == "extra_forbidden":
-        return f"{where}: no such setting{_suggestion(location)}"
-    if detail["type"] == "missing":
-        return f"{where} is missing"
-    if detail["type"] == "model_type":
-        return f"{where} must be a table: write [{key}] above its settings"
-    if detail["type"] == "value_error":
-        return f"{where}: {detail['ctx']['error']}"
-    return f"{where} = {detail['input']!r}: {detail['msg'].lower()}"
-
-
-def _suggestion(location: list[int | str]) -> str:
-    """What the user may have meant: the same quantity in another unit, or a near spelling."""
-    model: type[BaseModel] = RobotConfig
-    for part in location[:-1]:
-        if isinstance(part, int):
-            continue
-        inner = model.model_fields[part].annotation
-        model = inner if isinstance(inner, type) else cast(type[BaseModel], BlindSector)
-    unknown, known = str(location[-1]), list(model.model_fields)
-    stem = unknown.rpartition("_")[0]
-    same = [name for name in known if stem and name.rpartition("_")[0] == stem]
-    if same:
-        return f"; the unit is wrong: write {same[0]}"
-    near = difflib.get_close_matches(unknown, known, 1)
-    return f"; did you mean {near[0]}?" if near else f"; known here: {', '.join(known)}"
-
-
-def _line_of(location: list[int | str], text: str) -> int:
-    """The line (from 1) on which the key at `location` stands; its table's where it is missing.
-
-    The TOML reader of the standard library keeps no positions, so the headers are followed here.
-    """
-    names = [str(part) for part in location if isinstance(part, str)]
-    wanted_item = next((part for part in location if isinstance(part, int)), None)
-    table: list[str] = []
-    items: dict[str, int] = {}
-    best = (0, 1)
-    for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*(\[\[?)([^\]]+)\]", line)
-        if header:
-            table = [part.strip(" \"'") for part in header[2].split(".")]
-            if header[1] == "[[":
-                items[header[2]] = items.get(header[2], -1) + 1
-            if header[1] == "[[" and wanted_item not in (None, items[header[2]]):
-                table = ["(another item)"]
-            path = table
-        else:
-            key = re.match(r"\s*([\w\"'.-]+)\s*=", line)
-            if not key:
-                continue
-            path = table + [part.strip("\"'") for part in key[1].split(".")]
-        common = min(len(path), len(names))  # a header may go deeper than the unknown table
-        if path[:common] == names[:common] and common > best[0]:
-            best = (common, number)
-    return best[1]
+        lines = explain_settings(error, RobotConfig, text)
+        raise UserError(
+            f"{name}: {len(lines)} setting(s) cannot be used", "\n".join(lines[:5])
+        ) from error

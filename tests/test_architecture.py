@@ -24,6 +24,8 @@ FLOORS = {
     "messages": 1,
     "geometry": 1,
     "config": 1,
+    "config_errors": 1,
+    "registry": 1,
     "folders": 1,
     "errors": 1,
 }

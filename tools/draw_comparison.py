@@ -21,6 +21,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray
+from host.registry import SCENARIOS
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
 
@@ -85,7 +86,7 @@ def read(rows: Sequence[dict[str, Any]]) -> Comparison:
     found: dict[str, Any] = defaultdict(lambda: defaultdict(dict))
     settings: dict[Scenario, str] = {}
     for row in rows:
-        if row["source"].partition(":")[0] not in scenarios.KNOWN:
+        if row["source"].partition(":")[0] not in SCENARIOS.names():
             continue
         scenario = scenarios.parse(row["source"])
         settings[replace(scenario, seed=0)] = row["source"]

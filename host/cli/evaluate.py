@@ -10,11 +10,10 @@ from host.cli import options
 from host.cli.table import table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
+from host.registry import FILTERS
 from host.sessions.evaluating import check_source, score_sources, step_count
 from host.sessions.robot import robot_configuration
 from host.sources.sensors import SENSORS
-
-FILTERS = ("perera2021", "phd", "clairvoyant", "last_reading")
 
 _HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
 
@@ -38,7 +37,7 @@ Examples:
     "--filters",
     default="perera2021,phd,clairvoyant",
     show_default=True,
-    help=f"Which filters, of {', '.join(FILTERS)}.",
+    help=f"Which filters, of {', '.join(FILTERS.names())}.",
 )
 @click.option(
     "--sensors",
@@ -56,7 +55,7 @@ def evaluate(
     json_path: Path | None,
 ) -> None:
     """Score filters on each source; `_HELP` is what the user reads."""
-    names = options.several(filters, FILTERS, "--filters")
+    names = options.several(filters, FILTERS.names(), "--filters")
     wanted = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else robot_configuration(robot_path)
     for source in sources:  # what is mistyped fails before anything is computed

@@ -12,6 +12,7 @@ from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.simulate import simulate
 from host.errors import UserError
+from host.registry import load_plugin
 
 
 class Failure(click.ClickException):
@@ -47,14 +48,24 @@ class Commands(click.Group):
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="swarmloc", prog_name="swarmloc")
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="FILE.py",
+    help="Load a filter, scenario or lidar of your own (docs/extending.md); or the name of an "
+    "installed module.",
+)
 @click.option("--debug", is_flag=True, help="Show the traceback of a failure.")
-def main(debug: bool) -> None:
+def main(plugins: tuple[str, ...], debug: bool) -> None:
     """Where each teammate of a robot swarm is, from one robot's own lidar, cameras and wheels.
 
     \b
     Example, without any hardware:
       swarmloc run --simulate arena4
     """
+    for plugin in plugins:
+        load_plugin(plugin)
 
 
 for command in (init, run, simulate, replay, evaluate, flash, calibrate):

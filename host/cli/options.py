@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from host.errors import UserError
-from host.estimator.profiles import PROFILES
+from host.registry import FILTERS
 
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
 
@@ -31,8 +31,9 @@ robot_or_recordings_option = _robot_option("the recording's, else a Cherokey")
 filter_option = click.option(
     "--filter",
     "filter_name",
-    type=click.Choice(list(PROFILES)),
-    help="Filter to use.  [default: the configuration's]",
+    callback=lambda context, option, name: name and several(name, FILTERS.names(), "--filter")[0],
+    metavar="NAME",
+    help=f"Filter to use: {', '.join(FILTERS.names())}.  [default: the configuration's]",
 )
 json_option = click.option(
     "--json",

@@ -15,6 +15,7 @@ from host.cli.console import FRAME_S, Console, State
 from host.cli.signals import signals_caught
 from host.cli.summary import summary
 from host.errors import UserError
+from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration
 from host.sessions.running import RunOutcome, run_devices
 from host.simulation.live import Interval
@@ -54,7 +55,7 @@ Examples:
     "--simulate",
     "scenario",
     metavar="SCENARIO",
-    help=f"Simulate the devices: {', '.join(scenarios.KNOWN)}, or as arena4:seed=1,robots=6.",
+    help=f"Simulate the devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1,robots=6.",
 )
 @click.option(
     "--unplug",

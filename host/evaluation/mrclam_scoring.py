@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from host.config import FilterSettings, Lidar, RobotConfig
-from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
-from host.estimator.last_reading import LastReading
+from host.estimator.profiles import filter_entry
 from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Row
 from host.evaluation.runner import estimates_at
 from host.messages import Displacement, FloatArray, IntArray, Positions
@@ -24,8 +23,6 @@ _WARM_UP_S = 60.0
 _EVERY_S = 1.0
 _REMEMBER_S = 5.0  # T
 _CAMERA = "camera"  # of ranges and bearings
-# m²/s: makes the clairvoyant consistent (ANEES 1) on dataset 6, where robots drive at 6.5 cm/s.
-_PROCESS_NOISE = 0.0125
 
 NewFilter = Callable[[], Filter]
 
@@ -58,11 +55,11 @@ MRCLAM_ROBOT = RobotConfig(
     ),
 )
 
-# Any filter is shown between these two: the limit and the floor.
-MRCLAM_REFERENCES: Mapping[str, NewFilter] = {
-    "clairvoyant": lambda: Clairvoyant(_PROCESS_NOISE, forget_s=_REMEMBER_S),
-    "last_reading": lambda: LastReading(keep_s=_REMEMBER_S, process_noise=_PROCESS_NOISE),
-}
+
+def mrclam_maker(name: str) -> NewFilter:
+    """How a filter is made for the datasets. Raises UserError for one that is not registered."""
+    entry = filter_entry(name)
+    return entry.make_mrclam or (lambda: entry.make(MRCLAM_ROBOT))
 
 
 def scored_instants(dataset: Dataset) -> list[float]:

@@ -18,7 +18,8 @@ from typing import Any, Self
 import numpy as np
 from pydantic import ValidationError
 
-from host.config import RobotConfig
+from host.config import NOT_REGISTERED, RobotConfig
+from host.config_errors import explain_settings
 from host.errors import UserError
 from host.messages import (
     Bearings,
@@ -186,11 +187,16 @@ class Recording:
         try:
             config = RobotConfig.model_validate(content["config"])
             return RecordingHeader(config, content["sensors"], content["scenario"])
-        except (KeyError, ValidationError) as error:
+        except KeyError as error:
+            raise self._damaged(number, f"its header has no {error}") from error
+        except ValidationError as error:
+            unknown = any(each["type"] == NOT_REGISTERED for each in error.errors())
             raise UserError(
-                f"{self.path}, line {number}: the configuration cannot be read",
-                str(error).splitlines()[0],
-                "use the swarmloc that wrote it",
+                f"{self.path}: the configuration cannot be read",
+                "\n".join(explain_settings(error, RobotConfig)[:5]),
+                "load the plugin it was made with: swarmloc --plugin FILE.py ..."
+                if unknown
+                else "use the swarmloc that wrote it",
             ) from error
 
     def _read_message(self, number: int, line: bytes) -> Message:

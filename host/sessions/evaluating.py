@@ -8,7 +8,6 @@ from typing import cast
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.estimator import profiles
 from host.evaluation import mrclam_scoring
 from host.evaluation.metrics import Accumulator, Row
 from host.evaluation.truth_scoring import WARM_UP_S
@@ -121,15 +120,11 @@ def _dataset_rows(source: str, names: Sequence[str], step: Step) -> list[Row]:
     dataset = mrclam.load_dataset(folder)
     rows: list[Row] = []
     for name in names:
-        rows += mrclam_scoring.mrclam_rows(dataset, {name: _maker(name)}, landmarks, source)
+        rows += mrclam_scoring.mrclam_rows(
+            dataset, {name: mrclam_scoring.mrclam_maker(name)}, landmarks, source
+        )
         step(f"{source} {name}")
     return rows
-
-
-def _maker(name: str) -> mrclam_scoring.NewFilter:
-    if name in mrclam_scoring.MRCLAM_REFERENCES:
-        return mrclam_scoring.MRCLAM_REFERENCES[name]
-    return lambda: profiles.make(name, mrclam_scoring.MRCLAM_ROBOT)
 
 
 def _dataset(source: str) -> tuple[Path, Landmarks]:

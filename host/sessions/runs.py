@@ -33,8 +33,6 @@ from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY, uses
 
-CLAIRVOYANT = "clairvoyant"
-
 # Called as data come in, with the time reached and the whole duration, in s.
 Progress = Callable[[float, float], None]
 
@@ -70,11 +68,12 @@ class Run:
         scored = Accumulator()
         track = TruthTrack(self.truths)
         estimates: list[Estimate] = []
+        entry = profiles.filter_entry(filter_name)
         monitored = MonitoredFilter(
-            profiles.make(filter_name, self.config),
+            entry.make(self.config),
             scored.update_seconds,
             estimates,
-            track if filter_name == CLAIRVOYANT else None,
+            track if entry.needs_identities else None,
         )
         localizer = Localizer(self.config, monitored)
         for message in self.messages:

@@ -16,13 +16,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from host.config import RobotConfig
-from host.drivers.x4.commands import RESET
 from host.errors import UserError
 from host.messages import Bearings, FloatArray, Health, IntArray, Message, Truth
-from host.simulation.devices.board import STAND_IN, BoardKind
+from host.simulation.devices.board import BoardKind
+from host.simulation.devices.catalogue import Emulator
 from host.simulation.devices.live_cameras import LiveCameras
 from host.simulation.devices.natnet_server import NatNetServer
 from host.simulation.offline import Simulation
@@ -93,16 +93,6 @@ class Terminal:
                 os.write(self._master, data)
 
 
-class Device(Protocol):
-    """A device at byte level: the X4 or the board."""
-
-    def receive(self, data: bytes, now: float) -> None:
-        """Take the host's bytes at `now`, s."""
-
-    def transmit(self, now: float) -> list[tuple[float, bytes]]:
-        """Give what was sent up to `now`, s."""
-
-
 class LiveSimulation:
     """A scenario that runs by the clock, with the devices of its robot plugged in and out.
 
@@ -117,7 +107,7 @@ class LiveSimulation:
         scenario: Scenario,
         config: RobotConfig,
         unplugged: Mapping[str, Sequence[Interval]] | None = None,
-        board: BoardKind = STAND_IN,
+        board: BoardKind | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._simulation = Simulation(scenario, config, board)
@@ -137,8 +127,8 @@ class LiveSimulation:
         self._pump = threading.Thread(target=self._run, name="simulation", daemon=True)
         self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
         folder = Path(self._folder.name)
-        self._ports: dict[str, tuple[Terminal, Device]] = {
-            LIDAR: (Terminal(folder / LIDAR), self._simulation.x4),
+        self._ports: dict[str, tuple[Terminal, Emulator]] = {
+            LIDAR: (Terminal(folder / LIDAR), self._simulation.lidar),
             BOARD: (Terminal(folder / BOARD), self._simulation.board),
         }
         known = self._simulation.config
@@ -235,10 +225,10 @@ class LiveSimulation:
             elif not absent and not terminal.plugged:
                 terminal.plug()
                 if name == LIDAR:  # it has no power of its own and begins anew
-                    device.receive(RESET, now)
+                    device.receive(self._simulation.lidar_entry.power_on, now)
 
 
-def _exchange(terminal: Terminal, device: Device, now: float) -> None:
+def _exchange(terminal: Terminal, device: Emulator, now: float) -> None:
     received = terminal.read()
     if received:
         device.receive(received, now)

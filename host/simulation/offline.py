@@ -11,13 +11,10 @@ from host.config import RobotConfig
 from host.drivers.natnet import protocol as natnet_protocol
 from host.drivers.natnet.frames import MocapFrame, Version
 from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
-from host.drivers.romeo.session import BoardSession
-from host.drivers.x4.commands import SCAN
-from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import to_frame
 from host.messages import Bearings, Bodies, Message, Truth
-from host.simulation.devices.board import STAND_IN, BoardKind
-from host.simulation.devices.x4 import X4Emulator
+from host.simulation.devices.board import BoardKind
+from host.simulation.devices.catalogue import board_entry, lidar_entry
 from host.simulation.pictures.render import Surroundings
 from host.simulation.pictures.searched_camera import SearchedCamera
 from host.simulation.world.arena import ARENA_STEP_S, Arena
@@ -38,29 +35,34 @@ Arrival = tuple[float, Message]
 class Simulation:
     """A scenario, one robot's devices in it, and what the host makes of their bytes.
 
-    x4 and board: the devices at byte level; camera: the image pairs. built: the robot as it truly
-    is; config: what the host knows of it. All times are seconds since the scenario's start.
+    lidar and board: the devices at byte level, of the models that `config` names; camera: the
+    image pairs. built: the robot as it truly is; config: what the host knows of it. All times are
+    seconds since the scenario's start.
     """
 
     def __init__(
-        self, scenario: Scenario, config: RobotConfig, board: BoardKind = STAND_IN
+        self, scenario: Scenario, config: RobotConfig, board: BoardKind | None = None
     ) -> None:
         self.scenario = scenario
         self.built = built(config, scenario)
         self.config = known(config, scenario)
         self._arena = Arena(scenario)
         self._others = np.delete(np.arange(scenario.robots), OBSERVER)
-        lidar = SimulatedLidar(self._arena, OBSERVER, scenario, self.built.lidar)
+        self.lidar_entry = lidar_entry(config.lidar.model)
+        board_kind = board_entry(config.board.model)
+        sensor = SimulatedLidar(
+            self._arena, OBSERVER, scenario, self.built.lidar, self.lidar_entry.beams
+        )
         self._encoders = SimulatedEncoders(self._arena, OBSERVER, scenario, self.built.wheels)
         self.camera = SimulatedCamera(self._arena, OBSERVER, scenario)
-        self.x4 = X4Emulator(
-            lidar.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
+        self.lidar = self.lidar_entry.emulator(
+            sensor.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
         )
-        self.board = board.make(self._encoders.ticks)
+        self.board = (board or board_kind.stand_in).make(self._encoders.ticks)
         self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
-        self._decoder = ScanDecoder()
+        self._decoder = self.lidar_entry.decoder()
         self._natnet = natnet_protocol.MocapDecoder(_NATNET)
-        self._session = BoardSession(self.config)
+        self._session = board_kind.session(self.config)
         self._talked = 0.0
         self._frames = 0
         self._truths = 0
@@ -98,7 +100,7 @@ class Simulation:
 
         The devices' bytes go through the decoders and the conversion that serve the real ones.
         """
-        self.x4.receive(SCAN, 0.0)
+        self.lidar.receive(self.lidar_entry.start, 0.0)
         self._session.connect(0.0)
         for tick in range(math.ceil(self.scenario.seconds / _TICK_S) + 1):
             now = min(tick * _TICK_S, self.scenario.seconds)
@@ -115,7 +117,7 @@ class Simulation:
 
     def _scans(self, now: float) -> Iterator[Arrival]:
         delay = self.config.lidar.delay_s
-        for time, data in self.x4.transmit(now):
+        for time, data in self.lidar.transmit(now):
             for scan in self._decoder.feed(data, time):
                 yield time, replace(scan, time=scan.time - delay, times=scan.times - delay)
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP, NatNetClient
-from host.drivers.romeo.device import Romeo
-from host.drivers.x4.device import X4
 from host.errors import UserError
 from host.messages import Truth
 from host.pipeline import Source
-from host.simulation.devices.board import best_board
+from host.simulation.devices.catalogue import board_entry, lidar_entry
 from host.simulation.live import Interval, LiveSimulation
 from host.simulation.world import scenarios
 from host.sources.cameras import camera_sources
@@ -49,7 +47,8 @@ def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
 
 
 def _drivers(robot: RobotConfig) -> dict[str, Source]:
-    return {"lidar": X4(robot.lidar), "board": Romeo(robot)}
+    lidar, board = lidar_entry(robot.lidar.model), board_entry(robot.board.model)
+    return {"lidar": lidar.driver(robot.lidar), "board": board.driver(robot)}
 
 
 def simulated_rig(
@@ -60,7 +59,7 @@ def simulated_rig(
     sensors: str,
 ) -> Rig:
     """Simulated devices, which run until `stack` is left."""
-    board = best_board(robot.motors)
+    board = board_entry(robot.board.model).best(robot.motors)
     parsed = scenarios.parse(scenario)
     live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
     config = live.config

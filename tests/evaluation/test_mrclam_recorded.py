@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from host.evaluation.metrics import Accumulator
-from host.evaluation.mrclam_scoring import MRCLAM_REFERENCES, score_observer, scored_instants
+from host.evaluation.mrclam_scoring import mrclam_maker, score_observer, scored_instants
 from host.messages import Displacement, Estimate, Positions
 from host.recording import mrclam
 
@@ -81,9 +81,7 @@ def test_limit_floor_and_silence_score_as_expected(dataset):
                 frames = [m for m in messages[kind] if isinstance(m, Positions)]
                 scores[name, kind].append(score_observer(dataset, observer, frames, Silent()))
             else:
-                scored = score_observer(
-                    dataset, observer, messages[kind], MRCLAM_REFERENCES[name]()
-                )
+                scored = score_observer(dataset, observer, messages[kind], mrclam_maker(name)())
                 scores[name, kind].append(scored)
     assert len(scored_instants(dataset)) > 700
     for (name, kind), (gospa_m, tolerance) in wanted.items():

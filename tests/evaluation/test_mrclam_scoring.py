@@ -5,7 +5,7 @@ import pytest
 
 from host.estimator.last_reading import LastReading
 from host.evaluation.mrclam_scoring import (
-    MRCLAM_REFERENCES,
+    mrclam_maker,
     mrclam_rows,
     score_observer,
     scored_instants,
@@ -24,6 +24,8 @@ READINGS = [
     (62.5, 63, 5.0 + BIAS, 0.0),  # the landmark
     (63.5, 99, 3.0 + BIAS, BACK),  # nobody known, but robot 4 is there
 ]
+
+REFERENCES = ("clairvoyant", "last_reading")
 
 
 @pytest.fixture
@@ -46,7 +48,7 @@ def dataset(tmp_path):
 
 
 def scored(dataset, name, landmarks):
-    return score_observer(dataset, 1, dataset.messages(1, landmarks), MRCLAM_REFERENCES[name]())
+    return score_observer(dataset, 1, dataset.messages(1, landmarks), mrclam_maker(name)())
 
 
 def test_instants_start_after_a_minute_and_skip_gaps_of_vicon(dataset):
@@ -84,7 +86,9 @@ def test_a_robot_is_to_be_reported_after_it_was_read_not_before(dataset):
 
 
 def test_rows_are_one_for_each_observer_and_one_for_all(dataset):
-    rows = mrclam_rows(dataset, MRCLAM_REFERENCES, "drop", "miniature")
+    rows = mrclam_rows(
+        dataset, {name: mrclam_maker(name) for name in REFERENCES}, "drop", "miniature"
+    )
     assert [row.observer for row in rows] == ["1", "2", "3", "4", "5", "all"] * 2
     assert [row.filter for row in rows] == ["clairvoyant"] * 6 + ["last_reading"] * 6
     assert {row.source for row in rows} == {"miniature"}

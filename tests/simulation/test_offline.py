@@ -144,10 +144,10 @@ def test_identities_name_the_robots_that_were_measured(messages: list[Message]) 
 def test_what_is_forgotten_changes_nothing_that_comes_after_it() -> None:
     kept, forgetful = (Simulation(parse("arena4:seed=3"), CONFIG) for _ in range(2))
     for simulation in (kept, forgetful):
-        simulation.x4.receive(SCAN, 0.0)
+        simulation.lidar.receive(SCAN, 0.0)
     for now in np.arange(1.0, 41.0):
         assert forgetful.board.transmit(now) == kept.board.transmit(now)
-        assert forgetful.x4.transmit(now) == kept.x4.transmit(now)
+        assert forgetful.lidar.transmit(now) == kept.lidar.transmit(now)
         for time in (now - 2.9, now):
             one, other = (simulation.truth(time) for simulation in (kept, forgetful))
             assert np.array_equal(one.positions, other.positions)

@@ -69,7 +69,7 @@ def grow_clusters(scan: Scan, path: Path) -> FloatArray:
 
 def record(scenario: Scenario) -> tuple[list[tuple[float, bytes]], Path, Arena]:
     """What an X4 sends, the robot's true path as its odometry, and where everything is."""
-    device = Simulation(scenario, RobotConfig()).x4
+    device = Simulation(scenario, RobotConfig()).lidar
     device.receive(SCAN, 0.0)
     chunks = [
         chunk

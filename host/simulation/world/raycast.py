@@ -1,5 +1,6 @@
-"""Where the beams of an X4 meet a square room and the cylinders in it; plain geometry, no noise."""
+"""Where a lidar's beams meet a square room and the cylinders in it; plain geometry, no noise."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,20 @@ class Beams:
     def points(self, distances: FloatArray) -> FloatArray:
         """Points (k, 2) of the world at `distances` (k,) m along the beams."""
         return self.origins + distances[:, None] * self.directions
+
+
+# The beams at raw angles (k,) rad, clockwise, on a robot at poses (k, 3), by the lidar's mounting.
+BeamsOf = Callable[[FloatArray, FloatArray, tuple[float, float, float]], Beams]
+
+
+def straight_beams(
+    raw_angles: FloatArray, poses: FloatArray, mounting: tuple[float, float, float]
+) -> Beams:
+    """Return beams that start at the lidar's axis and go straight outwards."""
+    x, y, heading = mounting
+    centres = to_parent(np.tile((x, y), (len(poses), 1)), poses)
+    ahead = poses[:, 2] + heading - raw_angles
+    return Beams(centres, centres, np.stack((np.cos(ahead), np.sin(ahead)), axis=1))
 
 
 def x4_beams(

@@ -14,7 +14,14 @@ from host.config import Wheels
 from host.geometry import to_frame, wrap
 from host.messages import Bearings, BoolArray, FloatArray, IntArray
 from host.simulation.world.arena import ARENA_STEP_S, FORGET_STEPS, TURRET_RADIUS_M, Arena
-from host.simulation.world.raycast import Beams, WallHits, meet_cylinders, meet_walls, x4_beams
+from host.simulation.world.raycast import (
+    Beams,
+    BeamsOf,
+    WallHits,
+    meet_cylinders,
+    meet_walls,
+    x4_beams,
+)
 from host.simulation.world.scenarios import Scenario
 
 RANGE_LIMITS_M = (0.12, 10.0)
@@ -26,20 +33,26 @@ DARK_RUN_CELLS = 8.0
 
 
 class SimulatedLidar:
-    """The X4 on one robot: ranges of samples taken one after another.
+    """The lidar on one robot: ranges of samples taken one after another, as noisy as an X4's.
 
     Teammates and posts are cylinders of a turret's width; a teammate's turret stands at its
     robot's origin.
     """
 
     def __init__(
-        self, arena: Arena, observer: int, scenario: Scenario, config: LidarConfig
+        self,
+        arena: Arena,
+        observer: int,
+        scenario: Scenario,
+        config: LidarConfig,
+        beams: BeamsOf = x4_beams,
     ) -> None:
         self._arena = arena
         self._observer = observer
         self._others = np.delete(np.arange(arena.count), observer)
         self._mounting = (config.x_m, config.y_m, config.heading_rad)
         self._pillars = config.blind_sectors
+        self._beams = beams
         self._scenario = scenario
         self._noise = scenario.generator("lidar range")
         self._rim = scenario.generator("lidar rim")
@@ -60,7 +73,7 @@ class SimulatedLidar:
         """
         poses = self._arena.poses(times)
         own = poses[:, self._observer]
-        beams = x4_beams(raw_angles, own, self._mounting)
+        beams = self._beams(raw_angles, own, self._mounting)
         turrets = poses[:, self._others, :2]
         posts = np.broadcast_to(self._arena.posts, (len(times), *self._arena.posts.shape))
         hits = meet_cylinders(beams, np.concatenate((turrets, posts), axis=1), TURRET_RADIUS_M)

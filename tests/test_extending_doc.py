@@ -1,0 +1,98 @@
+"""docs/extending.md: its files, loaded by its commands, do what it says."""
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+DOCUMENT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", DOCUMENT, re.DOTALL)
+FILES = {
+    re.match(r"# (\S+)\n", text)[1]: text for kind, text in BLOCKS if kind in ("python", "toml")
+}
+COMMANDS = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines()]
+PROGRAM = "from host.cli.main import main; main()"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("extending")
+    for name, text in FILES.items():
+        (path / name).write_text(text, encoding="utf-8")
+    return path
+
+
+def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        check=False,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def swarmloc(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
+    program, *arguments = shlex.split(line)
+    assert program == "swarmloc"
+    return python(folder, "-c", PROGRAM, *arguments)
+
+
+def test_the_document_shows_each_kind_with_commands() -> None:
+    assert set(FILES) == {
+        "newest.py",
+        "robot.toml",
+        "compare.py",
+        "hall.py",
+        "lines.py",
+        "lines.toml",
+    }
+    for command in ("run", "replay", "evaluate", "simulate"):
+        assert any(f".py {command} " in line for line in COMMANDS), command
+
+
+@pytest.mark.parametrize("line", COMMANDS)  # in order: some read what others wrote
+def test_each_command_works(line: str, folder: Path) -> None:
+    done = swarmloc(folder, line)
+    assert done.returncode == 0, done.stderr
+    if " run " in line:
+        assert re.search(r"updates +[1-9]\d", done.stdout), done.stdout
+        assert re.search(r"teammates +[1-9]\d*\.\d reported", done.stdout), done.stdout
+    if " replay " in line:
+        assert re.search(r"[1-9]\d* bit-identical, 0 different", done.stdout), done.stdout
+    if "newest,phd" in line:
+        assert re.search(r" newest +lidar ", done.stdout), done.stdout
+
+
+def test_the_python_program_prints_figures(folder: Path) -> None:
+    done = python(folder, "compare.py")
+    assert re.fullmatch(r"newest: GOSPA 0\.\d+ m\nphd: GOSPA 0\.\d+ m\n", done.stdout), done.stderr
+
+
+def test_without_the_plugin_what_is_known_is_told(folder: Path) -> None:
+    done = swarmloc(folder, "swarmloc run --robot robot.toml --simulate arena4 --seconds 1")
+    assert done.returncode == 1
+    assert "line 3: filter.profile = 'newest': no filter is called so; known: phd" in done.stderr
+    recording = folder / "plugin.swarmloc"
+    made = "swarmloc --plugin newest.py run --robot robot.toml --simulate arena4 --seconds 1"
+    assert swarmloc(folder, f"{made} --record {recording}").returncode == 0
+    done = swarmloc(folder, f"swarmloc replay {recording}")
+    assert done.returncode == 1
+    assert "filter.profile = 'newest': no filter is called so" in done.stderr
+    assert "load the plugin" in done.stderr
+
+
+def test_every_file_is_python_with_types() -> None:
+    for name, text in FILES.items():
+        if name.endswith(".py"):
+            for node in ast.walk(ast.parse(text)):
+                if isinstance(node, ast.FunctionDef):
+                    assert node.returns is not None, f"{name}: {node.name}"
