@@ -1,6 +1,7 @@
 """The floors of ARCHITECTURE.md: a file imports its own room and rooms on floors below, no more."""
 
 import ast
+import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -90,6 +91,13 @@ def test_the_public_package_is_names_of_host_and_nothing_more() -> None:
     homes = [line.module for line in lists if isinstance(line, ast.ImportFrom)]
     assert set(homes) <= set(MODULES), "it imports host only"
     assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) < 100
+
+
+def test_the_plan_names_files_that_there_are() -> None:
+    plan = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\b(?:host|firmware|tests|tools|docs)/[\w/.]*\w", plan))
+    assert len(named) > 20
+    assert [path for path in sorted(named) if not (ROOT / path).exists()] == ["host/data"]
 
 
 def test_tools_do_not_lean_on_the_command_line() -> None:
