@@ -14,6 +14,7 @@ from host.drivers.camera.files import CameraFrame, FrameSource, Pipe, RecordedFi
 from host.drivers.camera.mjpeg import size_of
 from host.drivers.camera.usb import UsbCamera
 from host.drivers.camera.v4l2_device import absent, explain_camera, is_video_device
+from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
 from host.messages import Health
@@ -41,7 +42,7 @@ class CameraDriver:
     def __init__(
         self, name: str, camera: Camera, delay_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._name = name
+        self._health = HealthReporter(name, clock, _HEALTH_PERIOD_S)
         self._camera = camera
         self._delay_s = delay_s
         self._clock = clock
@@ -51,8 +52,6 @@ class CameraDriver:
         self._counts = Counter(pictures=0, torn=0, wrong_size=0, connections=0)
         self._sequence = 0
         self._wrong: tuple[int, int] | None = None  # the size that the last picture has instead
-        self._state: tuple[bool, str] | None = None
-        self._next_health = 0.0
 
     def run(self, emit: Callable[[Picture | Health], None], stop: threading.Event) -> None:
         """Emit a Picture each, and a Health a second and a change of state, until `stop` is set.
@@ -130,12 +129,11 @@ class CameraDriver:
 
     def _report(self, ok: bool, reason: str, source: FrameSource | None = None) -> None:
         """Emit Health at a change of state and once a second."""
-        now = self._clock()
-        if self._state == (ok, reason) and now < self._next_health:
-            return
-        self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
+        self._health.report(self._emit, ok, reason, lambda: self._all_counts(source))
+
+    def _all_counts(self, source: FrameSource | None) -> dict[str, int]:
         counts = self._counts + Counter(_dropped(source) if source else {})
-        self._emit(Health(now, self._name, ok, reason, {**self._counts, **counts}))
+        return {**self._counts, **counts}
 
 
 def _dropped(source: FrameSource) -> dict[str, int]:

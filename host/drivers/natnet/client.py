@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from host.config import NatNet
+from host.drivers.health import HealthReporter
 from host.drivers.natnet.frames import OLDEST, MocapFrame
 from host.drivers.natnet.network import Link, explain_network
 from host.drivers.natnet.protocol import (
@@ -19,7 +20,7 @@ from host.drivers.natnet.protocol import (
 from host.drivers.natnet.session import MocapSession
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
-from host.messages import Health, Message
+from host.messages import Message
 
 MOCAP = "motion capture"  # what Health calls it, whichever way it is made
 _ANSWER_WAIT_S = 0.5
@@ -44,8 +45,7 @@ class NatNetClient:
         self._counts = Counter(
             bodies=0, strangers=0, repeated=0, unstamped=0, clock_restarts=0, connections=0
         )
-        self._state: tuple[bool, str] | None = None
-        self._next_health = 0.0
+        self._health = HealthReporter(MOCAP, clock, _HEALTH_PERIOD_S)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Bodies a frame and a Health a second and a change of state, until `stop` is set.
@@ -234,12 +234,9 @@ class NatNetClient:
 
     def _report(self, ok: bool, reason: str) -> None:
         """Emit Health at a change of state and once a second."""
-        now = self._clock()
-        if self._state == (ok, reason) and now < self._next_health:
-            return
-        self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
-        counts = {**self._counts, **self._decoder.counts}
-        self._emit(Health(now, MOCAP, ok, reason, counts))
+        self._health.report(
+            self._emit, ok, reason, lambda: {**self._counts, **self._decoder.counts}
+        )
 
 
 def _name(info: ServerInfo) -> str:

@@ -10,17 +10,17 @@ from functools import partial
 import serial
 
 from host.config import RobotConfig
+from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
 from host.drivers.romeo.differential_drive import wheel_speeds
 from host.drivers.romeo.ports import BOARD, SKETCH_IDS
 from host.drivers.romeo.session import BoardSession
 from host.drivers.serial_port import find_port, open_port, read_available
 from host.errors import UserError
-from host.messages import Health, Message
+from host.messages import Message
 
 BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
 COMMAND_LIFE_S = 0.5
-HEALTH_PERIOD_S = 1.0
 READ_TIMEOUT_S = 0.02
 FASTEST_TICKS_PER_S = 32767  # an i16 of the velocity frame
 
@@ -36,8 +36,7 @@ class Romeo:
         self._session = BoardSession(robot)
         self._lock = threading.Lock()
         self._wanted: tuple[tuple[int, int], float] | None = None
-        self._told: tuple[bool, str] | None = None
-        self._told_at = -math.inf
+        self._health = HealthReporter(BOARD, clock)
 
     def command(self, speed_mps: float, turn_rate_radps: float) -> None:
         """Drive so fast and turn so fast (counter-clockwise positive) for COMMAND_LIFE_S.
@@ -95,11 +94,7 @@ class Romeo:
         self._report(emit, False, "; ".join(part for part in parts if part))
 
     def _report(self, emit: Callable[[Message], None], ok: bool, reason: str) -> None:
-        now = self._clock()
-        if (ok, reason) == self._told and now < self._told_at + HEALTH_PERIOD_S:
-            return
-        self._told, self._told_at = (ok, reason), now
-        emit(Health(now, BOARD, ok, reason, self._session.counts()))
+        self._health.report(emit, ok, reason, self._session.counts)
 
 
 def _clip(value: float, limit: float) -> float:

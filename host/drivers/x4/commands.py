@@ -1,4 +1,4 @@
-"""What is said between host and YDLidar X4 besides samples: commands, and the replies to them.
+"""Commands to the YDLidar X4, and its replies other than samples.
 
 Source: YDLidar X4 Development Manual 1.6, sections 2 and 3; the official SDK where they differ.
 """
@@ -16,6 +16,10 @@ HEALTH_OF_SDK = b"\xa5\x92"  # the manual has 91, every official SDK sends 92
 RESET = b"\xa5\x80"
 RESET_OF_MANUAL = b"\xa5\x40"
 
+# What DeviceInfo.model says; the X4's manual has 6, an older one 4.
+X4_MODELS = (4, 6)
+OTHER_MODELS = {5: "G4", 8: "F4 Pro"}
+
 REPLY_HEADER = b"\xa5\x5a"
 # Length (30 bits) and mode (2 bits: 1 = continuous), then the type. The length of the scan reply
 # means nothing: packets follow it without end.
@@ -27,7 +31,7 @@ _CONTENT_LENGTH = {_SCAN_HEADER: 0, _INFO_HEADER: 20, _HEALTH_HEADER: 3}
 
 @dataclass(frozen=True, slots=True)
 class ScanBegins:
-    """The lidar took the scan command; packets follow as soon as its motor turns."""
+    """The lidar took the scan command; packets follow as soon as its motor has its speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ def reply_length(start: bytes) -> int:
 
 
 def parse_reply(data: bytes) -> Reply | None:
-    """The reply in `data`, which has the length `reply_length` tells; None where it cannot be."""
+    """The reply in `data`, as long as `reply_length` says; None where it cannot be."""
     header, content = data[:7], data[7:]
     if header == _SCAN_HEADER:
         return ScanBegins()

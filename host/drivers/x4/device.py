@@ -1,32 +1,40 @@
-"""The YDLidar X4 on a serial port: motor, questions, scans, and words for why there is no data."""
+"""The YDLidar X4 or X4 Pro on a serial port: motor, commands, scans, and its state in words."""
 
 import errno
 import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import serial
 
 from host.config import Lidar
+from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
 from host.drivers.serial_port import find_port, open_port, read_available
 from host.drivers.x4 import commands
 from host.drivers.x4.commands import DeviceHealth, DeviceInfo
+from host.drivers.x4.formats import unknown_format
+from host.drivers.x4.liveness import Liveness
 from host.drivers.x4.packets import BAUDRATE
 from host.drivers.x4.protocol import ScanDecoder
 from host.errors import UserError
-from host.messages import Health, Message
+from host.messages import Message
 
 USB_IDS = ((0x10C4, 0xEA60),)  # the CP2102 on the X4's adapter board
 LIDAR = "lidar"
 _REPLY_WAIT_S = 1.0
-_SPIN_UP_S = 3.0
+_SPIN_UP_S = 6.0  # a motor may take 3.6 s to reach its speed
 _SILENCE_S = 1.0
+_SCAN_AGAIN_S = 5.0
+# Connecting again starts the motor anew, which costs a slow one its speed.
+_GIVE_UP_S = 20.0
 _HEALTH_PERIOD_S = 1.0
 _DAMAGED_SHARE = 0.1
+_LOST_SHARE = 0.02
+_RECENT_BYTES = 4096
 
 ReplyKind = TypeVar("ReplyKind", DeviceInfo, DeviceHealth)
 
@@ -34,7 +42,8 @@ ReplyKind = TypeVar("ReplyKind", DeviceInfo, DeviceHealth)
 class X4:
     """The lidar of one robot. config: its [lidar] section; clock: host time in s.
 
-    `run` is meant for a thread of its own. The motor turns while it runs.
+    An X4 Pro, which answers no command, is recognized by its packets. `run` is meant for a thread
+    of its own. The motor runs as long.
     """
 
     def __init__(self, config: Lidar, clock: Callable[[], float] = time.monotonic) -> None:
@@ -45,13 +54,13 @@ class X4:
         self._stop = threading.Event()
         self._connections = 0
         self._motor_switch = True  # whether the port can switch the motor
-        self._state: tuple[bool, str] | None = None
-        self._next_health = 0.0
+        self._health = HealthReporter(LIDAR, clock, _HEALTH_PERIOD_S)
+        self._recent = b""  # the last bytes, to find out about an unknown format
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit a Scan a turn and a Health a second and a change of state, until `stop` is set.
+        """Emit a Scan a revolution, Health a second and at a change of state, until `stop` is set.
 
-        Failures of the device are told as Health and tried again; it raises only what is the
+        Failures of the device are reported as Health and tried again; it raises only what is the
         program's own fault. Scan times are `delay_s` before what the sample clock says.
         """
         self._emit, self._stop = emit, stop
@@ -67,17 +76,24 @@ class X4:
             self._decoder.reset()
             self._stop.wait(0.1)
             self._motor_switch = self._switch_motor(port, on=True)
-            port.write(commands.STOP)  # what may still run from before
-            self._drain(port)
-            skipped = self._decoder.counts["bytes_skipped"]
-            info = self._ask(port, (commands.INFO,), DeviceInfo)
-            health = self._ask(port, (commands.HEALTH, commands.HEALTH_OF_SDK), DeviceHealth)
-            noise = self._decoder.counts["bytes_skipped"] > skipped
-            self._check_answers(info, health, noise)
-            port.write(commands.SCAN)
-            self._scan(port, info)
+            identity = self._identify(port)
+            if not self._stop.is_set():
+                self._scan(port, identity)
         finally:
             self._leave(port)
+
+    def _identify(self, port: serial.Serial) -> "_Identity":
+        """Ask the lidar which one it is. Raises UserError where it is none that is known."""
+        port.write(commands.STOP)  # what may still run from before
+        self._drain(port)
+        before = dict(self._decoder.counts)
+        info = self._ask(port, (commands.INFO,), DeviceInfo)
+        health = self._ask(port, (commands.HEALTH, commands.HEALTH_OF_SDK), DeviceHealth)
+        counts = self._decoder.counts
+        if info is None and health is None and counts["packets"] > before["packets"]:
+            return _Identity(one_way=True, info=None)
+        self._check_answers(info, health, counts["bytes_skipped"] > before["bytes_skipped"])
+        return _Identity(one_way=False, info=info)
 
     def _switch_motor(self, port: serial.Serial, on: bool) -> bool:
         """Start or stop the motor by DTR. False on ports without that line (pseudo-terminals)."""
@@ -88,6 +104,11 @@ class X4:
                 return False
             raise
         return True
+
+    def _read(self, port: serial.Serial) -> bytes:
+        data = read_available(port)
+        self._recent = (self._recent + data)[-_RECENT_BYTES:]
+        return data
 
     def _drain(self, port: serial.Serial) -> None:
         """Throw away what was sent before the stop command took effect."""
@@ -112,7 +133,7 @@ class X4:
             port.write(question)
             end = self._clock() + _REPLY_WAIT_S
             while self._clock() < end and not self._stop.is_set():
-                self._decoder.feed(read_available(port), self._clock())
+                self._decoder.feed(self._read(port), self._clock())
                 for reply in self._decoder.take_replies():
                     if isinstance(reply, kind):
                         return reply
@@ -131,13 +152,20 @@ class X4:
             if noise:
                 raise UserError(
                     "the lidar's bytes make no sense",
-                    f"something answers, but not as a YDLidar X4 does at {BAUDRATE} baud",
+                    f"something answers, but not as a YDLidar X4 does at {BAUDRATE} baud"
+                    + self._about_format(),
                     "check that the port is the lidar's and the model an X4",
                 )
             raise UserError(
                 "the lidar does not answer",
                 "it has no power, its cable to the adapter is loose, or the port is another's",
                 "check both USB leads of the adapter board and port in [lidar] of robot.toml",
+            )
+        if info is not None and info.model in commands.OTHER_MODELS:
+            raise UserError(
+                f"the lidar is a YDLidar {commands.OTHER_MODELS[info.model]}, not an X4",
+                f"its info reply has model code {info.model}",
+                "connect an X4 or X4 Pro; another model needs a driver of its own",
             )
         if health is not None and health.status == 2:
             raise UserError(
@@ -146,31 +174,41 @@ class X4:
                 "unplug both USB leads for some seconds; if it stays, the lidar is broken",
             )
 
-    def _scan(self, port: serial.Serial, info: DeviceInfo | None) -> None:
+    def _scan(self, port: serial.Serial, identity: "_Identity") -> None:
         """Emit scans until `stop` is set. Raises UserError without scans, OSError on unplugging."""
-        counts = self._decoder.counts
-        started = last = self._clock()
+        decoder, delay = self._decoder, self._config.delay_s
+        port.write(commands.SCAN)
+        asked = last = self._clock()
         checked = -math.inf
-        before = dict(counts)
-        packets = counts["packets"]
+        before = dict(decoder.counts)
+        began = packets = before["packets"]
+        liveness = Liveness(self._config)
         while not self._stop.is_set():
-            data = read_available(port)
+            data = self._read(port)
             now = self._clock()
-            for scan in self._decoder.feed(data, now):
-                delay = self._config.delay_s
+            for scan in decoder.feed(data, now):
+                liveness.add(scan, decoder.motor_hz)
                 self._emit(replace(scan, time=scan.time - delay, times=scan.times - delay))
-            if counts["packets"] > packets:
-                packets, last = counts["packets"], now
-            elif now - last > (_SPIN_UP_S if last == started else _SILENCE_S):
-                raise self._why_silent(before, samples_came=last != started)
-            if last != started and now - checked >= _HEALTH_PERIOD_S:
-                self._report(*self._judge(before, info))
-                checked, before = now, dict(counts)
+            came = packets > began
+            if decoder.counts["packets"] > packets:
+                packets, last = decoder.counts["packets"], now
+            elif now - last > (_SILENCE_S if came else _SPIN_UP_S):
+                reason = self._why_silent(before, came)
+                if now - last > _GIVE_UP_S:
+                    raise reason
+                self._report_failure(reason)
+                if now - asked > _SCAN_AGAIN_S:  # a dip of its supply makes a lidar forget it
+                    port.write(commands.SCAN)
+                    asked = now
+            elif came and now - checked >= _HEALTH_PERIOD_S:
+                self._report(*self._judge(before, identity, liveness, now))
+                checked, before = now, dict(decoder.counts)
 
     def _why_silent(self, before: dict[str, int], samples_came: bool) -> UserError:
+        """Why no sound packet comes. before: the counts when one came, or at the beginning."""
         counts = self._decoder.counts
         if counts["bytes_skipped"] > before["bytes_skipped"]:
-            return UserError(
+            return self._unknown_format() or UserError(
                 "the lidar sends only damaged packets",
                 "the cable is poor, the supply too weak, or another program reads the same port",
                 "use a short cable and a supply of 1 A or more; sudo fuser -v PORT names programs",
@@ -187,34 +225,72 @@ class X4:
             "connect the second USB lead (POWER, USB_PWR) to a supply of 1 A or more",
         )
 
-    def _judge(self, before: dict[str, int], info: DeviceInfo | None) -> tuple[bool, str]:
+    def _about_format(self) -> str:
+        found = unknown_format(self._recent)
+        return f" ({found})" if found else ""
+
+    def _unknown_format(self) -> UserError | None:
+        found = unknown_format(self._recent)
+        if found is None:
+            return None
+        return UserError(
+            "the lidar's packets have an unknown format",
+            f"it sends {found}",
+            "check the label below the lidar: X4 or X4 Pro are supported",
+        )
+
+    def _judge(
+        self, before: dict[str, int], identity: "_Identity", liveness: Liveness, now: float
+    ) -> tuple[bool, str]:
         """Whether the last second of samples was good, and in words."""
-        change = {name: count - before[name] for name, count in self._decoder.counts.items()}
+        counts = self._decoder.counts
+        change = {name: count - before[name] for name, count in counts.items()}
         bad = change["checksum_errors"] + change["implausible_packets"]
         share = bad / max(1, bad + change["packets"])
+        fault = liveness.fault(now, counts["points"])
         if share > _DAMAGED_SHARE:
-            return False, (
+            fault = self._unknown_format() or UserError(
                 f"{100 * share:.0f} % of the packets are damaged: use a short cable and a supply "
                 "of 1 A or more, and close other programs on the port"
             )
-        rate_hz = self._decoder.speed_hz
-        words = [f"scanning at {rate_hz:.1f} turns/s" if rate_hz else "scanning"]
-        if info is not None:
+        if fault is not None:
+            return False, str(fault)
+        return True, ", ".join(self._words(change, identity))
+
+    def _words(self, change: dict[str, int], identity: "_Identity") -> list[str]:
+        """How it does, where it does well. change: what was counted in the last second."""
+        rate_hz = self._decoder.speed_hz or self._decoder.motor_hz
+        words = [f"scanning at {rate_hz:.1f} revolutions/s" if rate_hz else "scanning"]
+        lost = change["points_lost"] / max(1, change["points_lost"] + change["points"])
+        if lost > _LOST_SHARE:
+            words.append(f"{100 * lost:.0f} % of the samples are lost")
+        info = identity.info
+        if identity.one_way:
+            words.append("answers no command: an X4 Pro")
+        elif info is not None:
             words.append(f"firmware {info.firmware}")
+            if info.model not in commands.X4_MODELS:
+                words.append(f"unknown model code {info.model}, read as an X4")
         if not self._motor_switch:
             words.append("motor stays on")
         elif info is not None:  # both would not fit on a line of the screen
             words.append(f"serial {info.serial}")
-        return True, ", ".join(words)
+        return words
 
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))
 
     def _report(self, ok: bool, reason: str) -> None:
         """Emit Health at a change of state and once a second."""
-        now = self._clock()
-        if self._state == (ok, reason) and now < self._next_health:
-            return
-        self._state, self._next_health = (ok, reason), now + 0.9 * _HEALTH_PERIOD_S
-        counts = {**self._decoder.counts, "connections": self._connections}
-        self._emit(Health(now, LIDAR, ok, reason, counts))
+        counts = self._decoder.counts
+        self._health.report(
+            self._emit, ok, reason, lambda: {**counts, "connections": self._connections}
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Identity:
+    """Which lidar it is. one_way: it answers no command; info: as far as it answered."""
+
+    one_way: bool
+    info: DeviceInfo | None

@@ -1,0 +1,38 @@
+"""How a device driver reports its state: at each change, and once a second."""
+
+from collections.abc import Callable, Mapping
+
+from host.messages import Health
+
+
+class HealthReporter:
+    """Makes the Health messages of one device.
+
+    device: its name in them. clock: host time in s. period_s: how often an unchanged state is
+    repeated.
+    """
+
+    def __init__(self, device: str, clock: Callable[[], float], period_s: float = 1.0) -> None:
+        self._device = device
+        self._clock = clock
+        self._period_s = period_s
+        self._state: tuple[bool, str] | None = None
+        self._next = 0.0
+
+    def report(
+        self,
+        emit: Callable[[Health], None],
+        ok: bool,
+        reason: str,
+        counts: Callable[[], Mapping[str, int]],
+    ) -> None:
+        """Emit Health where `ok` or `reason` changed, or the last message is a period old.
+
+        ok: it delivers. reason: in words, see `Health`. counts: returns what it counted so far.
+        """
+        now = self._clock()
+        if self._state == (ok, reason) and now < self._next:
+            return
+        # Judgements come once a period: one that is a little early must not wait for the next.
+        self._state, self._next = (ok, reason), now + 0.9 * self._period_s
+        emit(Health(now, self._device, ok, reason, dict(counts())))
