@@ -8,6 +8,7 @@
 #   make test                      every test
 #   make lint                      ruff and mypy
 #   make bench                     speed beside other software
+#   make mutants                   do tests notice small changes to a sample of functions?
 #   make test-lowest               every test, with the oldest dependencies allowed
 #
 # PYTHON=/path/to/python chooses the interpreter, VENV=/path/to/folder where its packages go.
@@ -22,7 +23,7 @@ PYTEST := -m pytest -q -n 2 --dist loadfile
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: run flash test lint bench test-lowest clean
+.PHONY: run flash test lint bench mutants test-lowest clean
 
 run: $(VENV)/ready-run
 	$(BIN)/swarmloc run --simulate $(SCENARIO) $(if $(SECONDS),--seconds $(SECONDS))
@@ -40,6 +41,9 @@ lint: $(VENV)/ready-dev
 
 bench: $(VENV)/ready-bench
 	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
+
+mutants: .venv/ready-test
+	$(BIN)/python tools/mutants.py
 
 test-lowest: .venv-lowest/ready-test
 	.venv-lowest/bin/python $(PYTEST)

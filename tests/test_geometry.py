@@ -190,11 +190,11 @@ def test_a_hole_adds_variance_by_the_second_as_the_end_does(seconds):
     holed, ended = Path(), Path()
     for path in (holed, ended):
         path.append(Displacement(1.0, 1.0, 0.0, 0.0, 0.0))
-    holed.append(Displacement(2.0 + seconds, 1.0, 0.0, 0.0, 0.0))
+    holed.append(Displacement(2.0 + seconds, 1.0, 0.0, 0.0, 0.0, 0.5, 0.25))
     unsure = holed.between(1.0, 2.0 + seconds)
     a_second = ended.between(1.0, 2.0)
-    assert unsure.translation_variance == pytest.approx(seconds * a_second.translation_variance)
-    assert unsure.heading_variance == pytest.approx(seconds * a_second.heading_variance)
+    assert unsure.translation_variance - 0.5 == pytest.approx(seconds * 0.015)
+    assert unsure.heading_variance - 0.25 == pytest.approx(seconds * 0.1)
     assert (a_second.translation_variance, a_second.heading_variance) == (0.015, 0.1)
 
 

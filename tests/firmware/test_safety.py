@@ -16,7 +16,9 @@ from host.drivers.romeo.protocol import (
 from host.simulation.devices.romeo_stand_in import DEFAULTS
 from tests.firmware.boards import ElfBoard
 
-TOLERANCE_S = 0.020
+TIMEOUT_S = COMMAND_TIMEOUT_MS / 1000
+CONTROL_S = 0.010  # the control counts the command's age in its own periods
+ON_THE_WAY_S = 0.002  # of a command, over USB and through the loop
 WATCHDOG_S = 0.5
 # Machine code. The endless wait jumps to itself; the deaf one switches interrupts off before.
 ENDLESS_WAIT = bytes.fromhex("ffcf")
@@ -51,12 +53,24 @@ def seconds_until_off(board: ElfBoard, patience_s: float = 2.0) -> float:
 
 def check_timed_out(board: ElfBoard) -> None:
     off = seconds_until_off(board)
-    assert off == pytest.approx(COMMAND_TIMEOUT_MS / 1000, abs=TOLERANCE_S)
+    assert TIMEOUT_S < off <= TIMEOUT_S + CONTROL_S + ON_THE_WAY_S + STEP_S
 
 
 def test_motors_go_off_when_the_host_says_nothing_more(board: ElfBoard) -> None:
     check_timed_out(board)
     assert board.elf.restarts == 0
+
+
+def test_motors_go_off_in_the_31st_period_of_the_control(board: ElfBoard) -> None:
+    """300 to 310 ms after the last command, by where in a 10 ms period of the control it comes."""
+    seconds_until_off(board)  # a period begins, to a step
+    for phase_s in (0.001, 0.003, 0.005, 0.007):
+        board.send(encode(VelocityFrame(2000, -2000)))
+        board.run(5 * CONTROL_S + phase_s)
+        board.send(encode(VelocityFrame(2000, -2000)))
+        board.run(0.003)
+        off = seconds_until_off(board)
+        assert off == pytest.approx(TIMEOUT_S + CONTROL_S - phase_s, abs=1.5 * STEP_S)
 
 
 def test_motors_go_off_when_the_host_neither_speaks_nor_reads(board: ElfBoard) -> None:

@@ -123,6 +123,10 @@ def test_a_gap_of_any_robots_vicon_is_told(folder):
     assert not dataset.has_vicon(4.2)
     assert dataset.has_vicon(4.6)
     assert dataset.has_vicon(10.0)
+    assert not dataset.has_vicon(10.01)
+    assert dataset.has_vicon(0.0)
+    assert dataset.has_vicon(0.05)
+    assert not dataset.has_vicon(-0.01)
     assert not dataset.has_vicon(10.2)
     assert not dataset.has_vicon(-0.1)
 

@@ -1,6 +1,7 @@
 """The X4's protocol: against a decoder written here from the manual's table, and under damage."""
 
 import math
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from host.drivers.x4.packets import (
     angle_correction,
     encode_packet,
     encode_revolution,
+    read_header,
     xor_of_words,
 )
 from host.drivers.x4.protocol import ScanDecoder
@@ -414,3 +416,28 @@ def test_recorded_scans_survive_the_wire(recorded: Callable[[str], Path]) -> Non
     # The vendor's driver cuts angle and correction to 1/64 deg each, and FSA and LSA here were
     # restored from such angles; in one turn of a hundred its packets were not 1, 40, 40, ...
     assert np.percentile(np.concatenate(errors), 99.9) <= 3.0 / 64.0
+
+
+@pytest.mark.parametrize("size", [1, 2, 40])
+def test_a_header_with_angles_that_no_motor_reaches_is_refused(size: int) -> None:
+    """Two degrees a sample are 128 steps of 1/64 deg."""
+    samples = np.zeros(size, dtype=np.int64)
+    for first in (0, 22_990):  # the second packet goes past 360 deg
+        fastest = read_header(encode_packet(samples, first, first + 128 * size), 0)
+        assert fastest is not None
+        assert (fastest.size, fastest.first, fastest.span) == (size, first, 128 * size)
+        assert read_header(encode_packet(samples, first, first + 128 * size + 1), 0) is None
+
+
+def test_a_header_with_an_angle_beyond_360_deg_or_a_size_that_no_x4_sends_is_refused() -> None:
+    def header(size: int, fsa: int, lsa: int, kind: int = 0) -> bytes:
+        return struct.pack("<HBBHHH", 0x55AA, kind, size, fsa, lsa, 0)
+
+    full = 360 * 64 << 1 | 1
+    whole = read_header(header(40, full, full, 0x8F), 0)
+    assert whole == (True, 0x47, 40, 360 * 64, 0)
+    assert read_header(header(40, 1, 1, 0x8E), 0) == (False, 0, 40, 0, 0)
+    assert read_header(b"\0" + header(1, 3, 3), 1) == (False, 0, 1, 1, 0)
+    refused = [(0, 1, 1), (41, 1, 1), (1, full + 2, 1), (1, 1, full + 2), (1, 0, 1), (1, 1, 0)]
+    for size, fsa, lsa in refused:
+        assert read_header(header(size, fsa, lsa), 0) is None, (size, fsa, lsa)

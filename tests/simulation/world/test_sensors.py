@@ -241,6 +241,23 @@ def test_a_turret_near_by_nearly_always_returns_and_loses_its_rim() -> None:
     assert 9.0 < np.mean(hits) < 10.4
 
 
+@pytest.mark.parametrize(("side_m", "deepest_m"), [(2.3, 0.15), (8.0, 0.3)])
+def test_a_range_mixed_at_a_rim_lies_between_it_and_the_wall_or_30_cm_behind(
+    side_m: float, deepest_m: float
+) -> None:
+    """Seen as the vendor's module does it: between what the two halves of the spot hit."""
+    scenario = replace(PERFECT, edge_mrad=20.0, mixed_share=1.0)
+    arena = StillArena([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], side_m)
+    times, raw = one_turn(40_000)
+    ranges = SimulatedLidar(arena, 0, scenario, OPEN_VIEW).ranges(times, raw)  # type: ignore[arg-type]
+    points = decoded(raw, ranges)
+    behind = points[(np.abs(points[:, 1]) < 0.05) & (points[:, 0] > 0.9)]
+    depth = behind[:, 0] - 1.0  # of the rim, which is at the turret's middle
+    mixed = depth[(depth > 0.01) & (depth < side_m / 2 - 1.0 - 0.001)]
+    assert len(mixed) > 50
+    assert mixed.max() == pytest.approx(deepest_m, rel=0.1)
+
+
 def test_two_lidars_that_aim_at_each_other_are_dazzled_in_a_beat() -> None:
     scenario = replace(PERFECT, interference_deg=10.0)
     arena = StillArena([(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)])
