@@ -8,8 +8,10 @@ from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading
 from host.estimator.perera2021 import Perera2021Filter
 from host.estimator.phd import PhdFilter
+from host.estimator.profiles import FilterEntry
 from host.estimator.profiles import make as make_filter
 from host.evaluation.metrics import Row, gospa
+from host.geometry import rotation, to_frame, to_parent
 from host.localizer import Localizer
 from host.messages import (
     Bearings,
@@ -25,16 +27,22 @@ from host.messages import (
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.recording.mrclam import load_dataset as load_mrclam
 from host.recording.optiodom import read_runs as load_optiodom
+from host.registry import BOARDS, FILTERS, LIDARS, SCENARIOS, load_plugin
 from host.sessions.calibrating import calibrate_from as calibrate
 from host.sessions.evaluating import score_sources as evaluate
 from host.sessions.localizing import localize
 from host.sessions.runs import Run, load_recording
 from host.sessions.runs import simulate_scenario as simulate
+from host.simulation.devices.catalogue import BoardEntry, LidarEntry
+from host.simulation.world.scenarios import Scenario
 
 __all__ = ["load_mrclam", "load_optiodom", "load_recording", "simulate"]
 __all__ += ["Recorder", "Recording", "RecordingHeader", "Run"]
 __all__ += ["Calibration", "Localizer", "Row", "calibrate", "evaluate", "gospa", "localize"]
 __all__ += ["RobotConfig", "UserError", "load_config", "update_robot_file"]
 __all__ += ["Clairvoyant", "Filter", "LastReading", "Perera2021Filter", "PhdFilter", "make_filter"]
+__all__ += ["BOARDS", "FILTERS", "LIDARS", "SCENARIOS", "load_plugin"]
+__all__ += ["BoardEntry", "FilterEntry", "LidarEntry", "Scenario"]
 __all__ += ["Bearings", "Bodies", "Displacement", "Estimate"]
 __all__ += ["Health", "Message", "Positions", "Scan", "Truth"]
+__all__ += ["rotation", "to_frame", "to_parent"]
