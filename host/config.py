@@ -271,7 +271,7 @@ class RobotConfig(Section):
     mocap: Mocap = Mocap()
 
 
-def load(path: Path) -> RobotConfig:
+def load_config(path: Path) -> RobotConfig:
     """Read robot.toml. Raises UserError naming key, line and bound for whatever is wrong in it."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -285,10 +285,10 @@ def load(path: Path) -> RobotConfig:
         raise UserError(
             f"{path} is not a text file", f"byte {error.start} is not UTF-8", "save it as UTF-8"
         ) from error
-    return parse(text, str(path))
+    return parse_config(text, str(path))
 
 
-def parse(text: str, name: str = "robot.toml") -> RobotConfig:
+def parse_config(text: str, name: str = "robot.toml") -> RobotConfig:
     """Check and convert the text of a robot.toml; `name` is what errors call it."""
     try:
         return RobotConfig.model_validate(tomllib.loads(text))

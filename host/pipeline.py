@@ -16,7 +16,7 @@ from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 
 CAPACITY = 256  # messages: some 3 s of them
-HEALTH_S = 1.0
+_HEALTH_S = 1.0
 NAME = "localizer"
 _POLL_S = 0.1
 _JOIN_S = 5.0  # for a device to stop its motor and close its port
@@ -193,7 +193,7 @@ class Pipeline:
         """Tell how the localizer itself does, once a second or as soon as it can."""
         now = self._clock()
         seconds = now - self._last_health
-        if seconds < HEALTH_S:
+        if seconds < _HEALTH_S:
             return
         self._last_health = now
         self._counts["dropped"] = self._queue.dropped

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from host.config import BlindSector, RobotConfig, Section, load, parse
+from host.config import BlindSector, RobotConfig, Section, load_config, parse_config
 from host.errors import UserError
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "robots" / "cherokey.toml"
@@ -41,15 +41,15 @@ def bounds() -> Iterator[tuple[str, str, float, float]]:
 
 def complaint(text: str) -> str:
     with pytest.raises(UserError) as caught:
-        parse(text, "my.toml")
+        parse_config(text, "my.toml")
     return str(caught.value)
 
 
 def test_the_example_is_the_default() -> None:
-    example, default = parse(EXAMPLE.read_text()).model_dump(), RobotConfig().model_dump()
+    example, default = parse_config(EXAMPLE.read_text()).model_dump(), RobotConfig().model_dump()
     for section, values in default.items():
         assert example[section] == values, f"change [{section}] in {EXAMPLE.name} with config.py"
-    assert load(EXAMPLE) == RobotConfig() == parse("")
+    assert load_config(EXAMPLE) == RobotConfig() == parse_config("")
 
 
 def test_the_example_shows_every_setting_and_explains_each() -> None:
@@ -63,7 +63,7 @@ def test_the_example_shows_every_setting_and_explains_each() -> None:
 
 
 def test_a_robot_says_only_what_differs() -> None:
-    robot = parse('name = "five"\n[wheels]\ntrack_m = 0.2\n[lidar]\nblind_sectors = []\n')
+    robot = parse_config('name = "five"\n[wheels]\ntrack_m = 0.2\n[lidar]\nblind_sectors = []\n')
     assert (robot.name, robot.wheels.track_m, robot.lidar.blind_sectors) == ("five", 0.2, ())
     assert robot.wheels.left_radius_m == RobotConfig().wheels.left_radius_m
     assert robot.camera == RobotConfig().camera
@@ -147,11 +147,11 @@ def test_every_mistake_is_told_at_once_up_to_five() -> None:
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"cannot read .*absent\.toml") as caught:
-        load(tmp_path / "absent.toml")
+        load_config(tmp_path / "absent.toml")
     assert "swarmloc init" in caught.value.next_step
     (tmp_path / "binary.toml").write_bytes(b"name = '\xff'")
     with pytest.raises(UserError, match=r"binary\.toml is not a text file\nbyte 8"):
-        load(tmp_path / "binary.toml")
+        load_config(tmp_path / "binary.toml")
     assert re.search(r"my\.toml is not valid TOML\n.*line 2", complaint("\n[wheels\n"))
 
 
@@ -174,7 +174,7 @@ lines = st.one_of(
 def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
     told = ""
     try:
-        parse(text)
+        parse_config(text)
     except UserError as error:
         told = str(error)
     last = max(1, len(text.splitlines()))
@@ -183,4 +183,4 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
 
 def test_a_filter_cannot_forget_before_it_reports():
     with pytest.raises(UserError, match=r"line 1: filter: forget_weight must be at most"):
-        parse("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
+        parse_config("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")

@@ -25,7 +25,7 @@ from host.messages import (
     Truth,
 )
 from host.simulation.offline import Simulation
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from tests.perception.scene import Array, Drive, Scene, take_turn
 
 CONFIG = RobotConfig()
@@ -244,7 +244,7 @@ def test_odometry_alone_gives_no_estimate() -> None:
 
 @pytest.fixture(scope="module")
 def simulated() -> list[Message]:
-    return list(Simulation(parse("arena4:seconds=20,seed=4"), CONFIG).messages())
+    return list(Simulation(parse_scenario("arena4:seconds=20,seed=4"), CONFIG).messages())
 
 
 def drives_or_measures(message: Message) -> TypeGuard[Measurement | Displacement]:

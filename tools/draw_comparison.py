@@ -88,7 +88,7 @@ def read(rows: Sequence[dict[str, Any]]) -> Comparison:
     for row in rows:
         if row["source"].partition(":")[0] not in SCENARIOS.names():
             continue
-        scenario = scenarios.parse(row["source"])
+        scenario = scenarios.parse_scenario(row["source"])
         settings[replace(scenario, seed=0)] = row["source"]
         found[row["filter"]][row["sensors"]][scenario.seed] = row
     if len(settings) != 1 or not next(iter(settings)).rendered:

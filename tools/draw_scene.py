@@ -125,7 +125,7 @@ class Drawing:
 
 def picture(config: RobotConfig) -> str:
     """The scene as SVG."""
-    scenario = scenarios.parse(SCENARIO)
+    scenario = scenarios.parse_scenario(SCENARIO)
     arena, messages = Arena(scenario), list(runs.simulated(scenario, config))
     path, estimates, errors = localize(messages, config)
     scan = next(m for m in messages if isinstance(m, Scan) and m.time >= INSTANT_S)

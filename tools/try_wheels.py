@@ -104,7 +104,7 @@ def main(robot_toml: Path, drive: str | None, seconds: float | None) -> None:
     Lift the wheels off the ground first.
     """
     try:
-        watch(config.load(robot_toml), drive, seconds or (600.0 if drive is None else 3.0))
+        watch(config.load_config(robot_toml), drive, seconds or (600.0 if drive is None else 3.0))
     except UserError as error:
         raise click.ClickException(str(error)) from error
 

@@ -17,7 +17,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array, Float, Integer
 
-from host.config import RobotConfig, Section, load, parse
+from host.config import RobotConfig, Section, load_config, parse_config
 from host.errors import UserError
 
 _DIGITS = 6  # significant: a micrometre of a wheel, a hundredth of a pixel
@@ -39,7 +39,7 @@ def update(path: Path, settings: Mapping[str, Any], note: str) -> None:
 
     Raises UserError where the file cannot be read or written, or would not be a valid one.
     """
-    load(path)
+    load_config(path)
     check_writable(path)
     # Not by read_text, which would lose how the lines end.
     text = path.read_bytes().decode("utf-8")
@@ -78,7 +78,7 @@ def updated(text: str, settings: Mapping[str, Any], note: str, name: str = "robo
     for key, value in plain.items():
         _set(old, key, value)
     try:
-        parse(new, name)
+        parse_config(new, name)
     except UserError as error:
         raise UserError(
             f"{name} stays as it was: what was found is no value it can hold",

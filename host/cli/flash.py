@@ -13,6 +13,7 @@ from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware
 
 
 @click.command(
+    "flash",
     short_help="The board's firmware, built and uploaded.",
     epilog="""\b
 Examples:
@@ -28,7 +29,7 @@ Examples:
 )
 @click.option("--build-only", is_flag=True, help="Stop before the board is looked for.")
 @options.json_option
-def flash(port: str, build_only: bool, json_path: Path | None) -> None:
+def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
     """Build the firmware, upload it to the board and read back what the board then runs.
 
     It is built with PlatformIO where that is installed and finds what it needs, otherwise with

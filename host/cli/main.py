@@ -6,7 +6,7 @@ import click
 
 from host.cli.calibrate import calibrate
 from host.cli.evaluate import evaluate
-from host.cli.flash import flash
+from host.cli.flash import flash_command
 from host.cli.init import init
 from host.cli.replay import replay
 from host.cli.run import run
@@ -68,5 +68,5 @@ def main(plugins: tuple[str, ...], debug: bool) -> None:
         load_plugin(plugin)
 
 
-for command in (init, run, simulate, replay, evaluate, flash, calibrate):
+for command in (init, run, simulate, replay, evaluate, flash_command, calibrate):
     main.add_command(command)

@@ -13,10 +13,10 @@ import click
 from host.errors import UserError
 from host.registry import FILTERS
 
-FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
+AnyCommand = TypeVar("AnyCommand", bound=Callable[..., Any] | click.Command)
 
 
-def _robot_option(default: str) -> Callable[[FC], FC]:
+def _robot_option(default: str) -> Callable[[AnyCommand], AnyCommand]:
     return click.option(
         "--robot",
         "robot_path",

@@ -102,7 +102,7 @@ def run(
         else:
             rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
             if seconds is None and "seconds" in scenarios.settings(scenario):
-                seconds = scenarios.parse(scenario).seconds
+                seconds = scenarios.parse_scenario(scenario).seconds
         outcome = _show_run(rig, seconds, record)
     click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)

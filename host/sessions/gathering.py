@@ -25,7 +25,7 @@ Advice = Callable[[Gathered], list[str]]
 
 def with_mocap(scenario: str) -> str:
     """The scenario as written, with motion capture where it sets none."""
-    if scenarios.parse(scenario).mocap_hz or "mocap_hz" in scenarios.settings(scenario):
+    if scenarios.parse_scenario(scenario).mocap_hz or "mocap_hz" in scenarios.settings(scenario):
         return scenario
     return f"{scenario}{',' if ':' in scenario else ':'}mocap_hz={_MOCAP_HZ}"
 
@@ -50,7 +50,7 @@ def gather_source(
         if found.torn:
             warn(f"{source}: its last line is torn, the run was cut short")
         return gathered
-    simulation = Simulation(scenarios.parse(with_mocap(source)), robot or RobotConfig())
+    simulation = Simulation(scenarios.parse_scenario(with_mocap(source)), robot or RobotConfig())
     gathered = Gathered(simulation.config)
     for message in simulation.messages():
         gathered.take(message)

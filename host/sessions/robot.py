@@ -11,7 +11,7 @@ def robot_configuration(path: Path | None, filter_name: str | None = None) -> Ro
 
     Raises UserError for a file that cannot be read or used.
     """
-    loaded = RobotConfig() if path is None else config.load(path)
+    loaded = RobotConfig() if path is None else config.load_config(path)
     return loaded if filter_name is None else with_filter(loaded, filter_name)
 
 

@@ -89,7 +89,7 @@ def find_source(source: str) -> Recording | Scenario:
     path = Path(source)
     if source.endswith(SUFFIX) or path.is_file():
         return Recording(path)
-    return scenarios.parse(source)
+    return scenarios.parse_scenario(source)
 
 
 def load_run(source: str, robot: RobotConfig | None) -> Run:
@@ -127,7 +127,7 @@ def simulate_scenario(scenario: str, robot: RobotConfig | None = None) -> Run:
     scenario: as "arena4:seconds=60,seed=1". robot: None for the default. Raises UserError for a
     scenario that does not exist or cannot be simulated.
     """
-    parsed = scenarios.parse(scenario)
+    parsed = scenarios.parse_scenario(scenario)
     simulation, all_messages = simulated(parsed, robot or RobotConfig())
     messages, truths = _sort_out(all_messages, simulation.config)
     return Run(scenario, str(OBSERVER), simulation.config, messages, truths, parsed)

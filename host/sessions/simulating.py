@@ -19,7 +19,7 @@ def simulate_to_recording(
 
     Raises UserError, and leaves no file, where the scenario cannot be simulated.
     """
-    parsed = scenarios.parse(scenario)
+    parsed = scenarios.parse_scenario(scenario)
     counts: Counter[str] = Counter()
     begin = time.monotonic()
     # Before the file: what cannot be simulated leaves none.

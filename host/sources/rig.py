@@ -60,7 +60,7 @@ def simulated_rig(
 ) -> Rig:
     """Simulated devices, which run until `stack` is left."""
     board = board_entry(robot.board.model).best(robot.motors)
-    parsed = scenarios.parse(scenario)
+    parsed = scenarios.parse_scenario(scenario)
     live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
     config = live.config
     sources = {**_drivers(config), **_motion_capture(config)}

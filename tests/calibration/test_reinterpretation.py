@@ -9,15 +9,15 @@ from host.messages import Bearings, Displacement, Message, Scan
 from host.perception.red_strip import StripFinder
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 SCENARIO = "misbuilt4:seconds=4,seed=3,camera_hz=2"
 TOLD = RobotConfig()
-TRUE = built(TOLD, parse(SCENARIO))
+TRUE = built(TOLD, parse_scenario(SCENARIO))
 
 
 def run(config: RobotConfig) -> list[Message]:
-    return list(Simulation(parse(SCENARIO), config).messages())
+    return list(Simulation(parse_scenario(SCENARIO), config).messages())
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from host.calibration.robot_file import update, updated
-from host.config import parse
+from host.config import parse_config
 from host.errors import UserError
 
 CHEROKEY = (Path(__file__).parents[2] / "robots" / "cherokey.toml").read_text(encoding="utf-8")
@@ -168,7 +168,7 @@ def test_the_new_file_says_what_the_old_one_said_but_for_the_settings(
     new = updated(text, settings, NOTE)
     assert new.count("\r\n") == (new.count("\n") if windows else 0)
     assert updated(new, settings, NOTE) == new
-    before, after = parse(text).model_dump(), parse(new).model_dump()
+    before, after = parse_config(text).model_dump(), parse_config(new).model_dump()
     for key, value in settings.items():
         *tables, last = key.split(".")
         functools.reduce(dict.__getitem__, tables, before)[last] = value
@@ -188,9 +188,9 @@ def flat(tree: Any, name: str = "") -> dict[str, Any]:
 def test_angles_at_their_bound_stay_inside() -> None:
     for angle in (math.pi, -math.pi):
         text = updated(CHEROKEY, {"lidar.heading_rad": angle}, NOTE)
-        assert abs(parse(text).lidar.heading_rad - angle) < 1e-5
+        assert abs(parse_config(text).lidar.heading_rad - angle) < 1e-5
     text = updated(CHEROKEY, {"camera.front.tilt_rad": math.pi / 2}, NOTE)
-    assert abs(parse(text).camera.front.tilt_rad - math.pi / 2) < 1e-5
+    assert abs(parse_config(text).camera.front.tilt_rad - math.pi / 2) < 1e-5
 
 
 def test_the_file_changes_at_once_and_keeps_its_permissions(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from host.messages import Bodies, Displacement
 from host.recording.log import Recording
 from host.sessions.gathering import with_mocap
 from host.simulation.world.built import built
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
 DRIVE = "arena4:seed=1,seconds=60,misbuilt=1,lidar_delay_s=0.08,camera_delay_s=0.15,mocap_hz=100"
-TRUE = built(RobotConfig(), parse(DRIVE))
+TRUE = built(RobotConfig(), parse_scenario(DRIVE))
 
 
 def run(*arguments: str | Path) -> Result:
@@ -51,7 +51,7 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
     result = calibrate("wheels", drive, "--robot", robot, "--json", figures, folder=tmp_path)
     assert result.exit_code == 0, result.output
     assert f"written to {robot}" in result.output
-    wheels = config.load(robot).wheels
+    wheels = config.load_config(robot).wheels
     assert wheels.left_radius_m == pytest.approx(TRUE.wheels.left_radius_m, rel=0.005)
     assert wheels.right_radius_m == pytest.approx(TRUE.wheels.right_radius_m, rel=0.005)
     assert wheels.track_m == pytest.approx(TRUE.wheels.track_m, rel=0.01)
@@ -60,7 +60,7 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
 
     result = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
     assert result.exit_code == 0, result.output
-    lidar = config.load(robot).lidar
+    lidar = config.load_config(robot).lidar
     assert lidar.heading_rad == pytest.approx(TRUE.lidar.heading_rad, abs=0.0035)
     assert lidar.x_m == pytest.approx(TRUE.lidar.x_m, abs=0.003)
     assert lidar.delay_s == pytest.approx(0.08, abs=0.005)
@@ -72,7 +72,7 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
     # The next one begins with what is written: nothing is left to find.
     again = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
     assert again.exit_code == 0
-    assert config.load(robot).lidar.delay_s == pytest.approx(lidar.delay_s, abs=1e-3)
+    assert config.load_config(robot).lidar.delay_s == pytest.approx(lidar.delay_s, abs=1e-3)
 
 
 def test_a_recording_is_scored_by_its_motion_capture(drive: Path, tmp_path: Path) -> None:

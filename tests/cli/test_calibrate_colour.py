@@ -39,7 +39,7 @@ def test_prints_lines_for_robot_toml_and_draws_what_it_finds(picture: Path, tmp_
     result = run(picture, picture, "--output", output, "--json", figures)
     assert result.exit_code == 0, result.output
     toml = result.output[result.output.index("[camera.strip]") :].split("\n\n")[0]
-    strip = config.parse(toml).camera.strip
+    strip = config.parse_config(toml).camera.strip
     assert "1 strip; drawn in" in result.output
     told = json.loads(figures.read_text())
     assert told["strip"] == tomllib.loads(toml)["camera"]["strip"]

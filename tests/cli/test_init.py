@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from host.cli.main import main
-from host.config import RobotConfig, load
+from host.config import RobotConfig, load_config
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "robots/cherokey.toml"
 
@@ -25,7 +25,7 @@ def test_the_commented_example_is_written_with_the_next_steps(here: Path) -> Non
     done = init()
     assert (done.exit_code, done.stderr) == (0, "")
     assert (here / "robot.toml").read_bytes() == EXAMPLE.read_bytes()
-    assert load(here / "robot.toml") == RobotConfig()
+    assert load_config(here / "robot.toml") == RobotConfig()
     assert "swarmloc run --simulate arena4 --robot robot.toml\n" in done.output
     assert "swarmloc flash\n" in done.output
 

@@ -25,9 +25,9 @@ from host.messages import Bearings, Bodies, Displacement, Health, Message, Scan
 from host.simulation.devices.board import BoardKind, best_board
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 from host.simulation.live import LiveSimulation, Terminal
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
-ARENA = parse("arena4:seed=1")
+ARENA = parse_scenario("arena4:seed=1")
 LONG_S = 20.0  # a bound on waiting, not on speed
 
 
@@ -225,7 +225,7 @@ def test_only_known_devices_can_be_unplugged() -> None:
 
 def test_motion_capture_is_a_server_that_the_real_client_reads() -> None:
     inbox = Inbox()
-    scenario = parse("arena4:seed=2,mocap_hz=50,mocap_noise_mm=0,mocap_noise_deg=0")
+    scenario = parse_scenario("arena4:seed=2,mocap_hz=50,mocap_noise_mm=0,mocap_noise_deg=0")
     with LiveSimulation(scenario, RobotConfig()) as live, Threads() as threads:
         assert live.config.mocap.source == "natnet"
         threads.start(NatNetClient(live.config.mocap.natnet), inbox)

@@ -15,7 +15,7 @@ from host.geometry import Path, to_frame
 from host.messages import Bearings, Displacement, Message, Scan, Truth
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from host.simulation.world.sensors import SimulatedEncoders
 
 CONFIG = RobotConfig()
@@ -24,7 +24,7 @@ CLEAN = "range_noise=0,dropout_share=0,dark_wall_share=0,grazing_deg=90,edge_mra
 
 
 def run(text: str) -> list[Message]:
-    return list(Simulation(parse(text), CONFIG).messages())
+    return list(Simulation(parse_scenario(text), CONFIG).messages())
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +58,14 @@ def test_messages_come_in_order_of_arrival(messages: list[Message]) -> None:
 
 
 def test_truth_is_the_others_in_the_frame_of_robot_0(messages: list[Message]) -> None:
-    arena = Arena(parse("arena4:seed=3"))
+    arena = Arena(parse_scenario("arena4:seed=3"))
     for truth in of_kind(messages, Truth)[::20]:
         (poses,) = arena.poses(np.array([truth.time]))
         assert list(truth.identities) == [1, 2, 3]
         c, s = math.cos(poses[0, 2]), math.sin(poses[0, 2])
         expected = (poses[1:, :2] - poses[0, :2]) @ np.array([[c, -s], [s, c]])
         assert truth.positions == pytest.approx(expected)
-    simulation = Simulation(parse("arena4:seed=3"), CONFIG)
+    simulation = Simulation(parse_scenario("arena4:seed=3"), CONFIG)
     assert simulation.truth(of_kind(messages, Truth)[-1].time).positions == pytest.approx(
         of_kind(messages, Truth)[-1].positions
     )
@@ -73,7 +73,7 @@ def test_truth_is_the_others_in_the_frame_of_robot_0(messages: list[Message]) ->
 
 def test_decoded_scans_show_each_visible_turret_where_it_truly_is() -> None:
     """From the arena through beams, bytes, decoder and sample clock back to the true place."""
-    scenario = parse(f"arena4:seconds=8,seed=5,interference_deg=0,{CLEAN}")
+    scenario = parse_scenario(f"arena4:seconds=8,seed=5,interference_deg=0,{CLEAN}")
     simulation = Simulation(scenario, CONFIG)
     arena = Arena(scenario)
     errors, seen = [], 0
@@ -98,7 +98,7 @@ def test_displacements_add_up_to_the_true_motion() -> None:
     for step in steps:
         path.append(step)
     start = steps[0].time - steps[0].interval
-    arena = Arena(parse("arena4:seed=4"))
+    arena = Arena(parse_scenario("arena4:seed=4"))
     (first, last) = arena.poses(np.array([start, steps[-1].time]))[:, 0]
     moved = path.between(start, steps[-1].time)
     assert moved.dpsi == pytest.approx(last[2] - first[2], abs=0.01)
@@ -122,14 +122,16 @@ def test_a_longer_run_begins_as_a_shorter_one(messages: list[Message]) -> None:
 
 
 def test_one_sensors_noise_leaves_the_others_alone(messages: list[Message]) -> None:
-    scenario = replace(parse("arena4:seconds=3,seed=3"), bearing_noise_deg=1.0, wheel_slip=0.1)
+    scenario = replace(
+        parse_scenario("arena4:seconds=3,seed=3"), bearing_noise_deg=1.0, wheel_slip=0.1
+    )
     other = list(Simulation(scenario, CONFIG).messages())
     for one, two in zip(of_kind(messages, Scan), of_kind(other, Scan), strict=False):
         assert np.array_equal(one.ranges, two.ranges)
 
 
 def test_identities_name_the_robots_that_were_measured(messages: list[Message]) -> None:
-    simulation = Simulation(parse("arena4:seed=3"), CONFIG)
+    simulation = Simulation(parse_scenario("arena4:seed=3"), CONFIG)
     off = []
     for frame in of_kind(messages, Bearings):
         truth = simulation.truth(frame.time)
@@ -142,7 +144,7 @@ def test_identities_name_the_robots_that_were_measured(messages: list[Message]) 
 
 
 def test_what_is_forgotten_changes_nothing_that_comes_after_it() -> None:
-    kept, forgetful = (Simulation(parse("arena4:seed=3"), CONFIG) for _ in range(2))
+    kept, forgetful = (Simulation(parse_scenario("arena4:seed=3"), CONFIG) for _ in range(2))
     for simulation in (kept, forgetful):
         simulation.lidar.receive(SCAN, 0.0)
     for now in np.arange(1.0, 41.0):
@@ -158,7 +160,7 @@ def test_what_is_forgotten_changes_nothing_that_comes_after_it() -> None:
 
 def test_who_forgets_does_not_grow() -> None:
     """The size is that of all that a lone robot's encoders and arena remember, pickled."""
-    scenario = parse("arena4:robots=1,posts=0,speed_mps=0")
+    scenario = parse_scenario("arena4:robots=1,posts=0,speed_mps=0")
     arena = Arena(scenario)
     encoders = SimulatedEncoders(arena, 0, scenario, CONFIG.wheels)
     sizes = []

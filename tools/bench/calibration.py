@@ -18,7 +18,7 @@ from host import config
 from host.config import RobotConfig
 from host.sessions import runs
 from host.simulation.world.built import built
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from host.sources.sensors import LIDAR_AND_CAMERA
 
 EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
@@ -38,7 +38,7 @@ def calibrated(folder: Path, seconds: int) -> RobotConfig:
     for kind in ("wheels", "lidar", "camera"):
         report = folder / f"{kind}.html"
         swarmloc("calibrate", kind, str(drive), "--robot", str(robot), "--report", str(report))
-    return config.load(robot)
+    return config.load_config(robot)
 
 
 def gospa(scenario: str, robot: RobotConfig) -> float:
@@ -58,7 +58,7 @@ def main() -> None:
         robots = {
             "as configured": RobotConfig(),
             "calibrated": calibrated(Path(folder), options.seconds),
-            "as it truly is": built(RobotConfig(), parse(SCENARIO)),
+            "as it truly is": built(RobotConfig(), parse_scenario(SCENARIO)),
         }
     print(f"\n{'seed':>6}" + "".join(f"{name:>18}" for name in robots) + f"{'ratio':>8}")
     for seed in options.seeds.split(","):

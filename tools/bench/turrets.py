@@ -28,7 +28,7 @@ from host.messages import Displacement, FloatArray, Scan
 from host.perception import turrets
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world.arena import ARENA_STEP_S, Arena
-from host.simulation.world.scenarios import Scenario, parse
+from host.simulation.world.scenarios import Scenario, parse_scenario
 from host.simulation.world.sensors import hidden_by_others
 
 LIDAR = RobotConfig().lidar
@@ -138,7 +138,7 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=3, help="the fastest of so many runs counts")
     parser.add_argument("--json", type=File, help="write the figures to this file")
     arguments = parser.parse_args()
-    scenario = parse(arguments.scenario)
+    scenario = parse_scenario(arguments.scenario)
     chunks, path, arena = record(scenario)
     scans = [scan for scan in decode(chunks) if path.end >= scan.time > scan.times[0] > 0.0]
     searches: dict[str, Search] = {

@@ -11,13 +11,11 @@ from host.drivers.romeo.session import BoardSession
 from host.drivers.x4.commands import RESET, SCAN
 from host.drivers.x4.device import X4
 from host.drivers.x4.protocol import ScanDecoder
-from host.messages import FloatArray, Message, Scan
+from host.messages import Message, Scan
 from host.registry import BOARDS, LIDARS
 from host.simulation.devices.board import STAND_IN, BoardKind, best_board
-from host.simulation.devices.x4 import X4Emulator
+from host.simulation.devices.x4 import Sense, X4Emulator
 from host.simulation.world.raycast import BeamsOf, straight_beams, x4_beams
-
-Sense = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 class Driver(Protocol):

@@ -84,7 +84,7 @@ SCENARIOS.register(
 )
 
 
-def parse(text: str) -> Scenario:
+def parse_scenario(text: str) -> Scenario:
     """Read a scenario as users write it: `arena4` or `arena4:seconds=120,seed=1`.
 
     Raises UserError that names what is known, or the bound that a value breaks.

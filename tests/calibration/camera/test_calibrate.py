@@ -17,7 +17,7 @@ from host.errors import UserError
 from host.messages import Bearings, Bodies
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from tests.calibration.camera.camera_drive import FRONT, Drive, bearing_errors_deg, gather
 
 
@@ -181,7 +181,7 @@ def test_what_cannot_be_fitted_at_all_is_told() -> None:
 @pytest.mark.slow
 def test_a_misbuilt_robot_is_put_right_by_its_own_rendered_pictures() -> None:
     """The simulation's body of motion capture is mounted as the true robot has it."""
-    scenario = parse("misbuilt4:seconds=30,seed=3,camera_hz=2.5")
+    scenario = parse_scenario("misbuilt4:seconds=30,seed=3,camera_hz=2.5")
     true = built(RobotConfig(), scenario)
     config = RobotConfig(mocap=true.mocap)
     gathered = Gathered(config)

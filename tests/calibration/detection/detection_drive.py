@@ -11,7 +11,7 @@ from host.messages import Bodies, FloatArray, Scan
 from host.perception import turrets
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from host.simulation.world.sensors import SimulatedCamera
 
 RADIUS_M = 0.0325
@@ -33,7 +33,7 @@ def bodies(arena: Arena, seconds: float, rate_hz: float = 50.0) -> list[Bodies]:
 def lidar_drive(text: str, config: RobotConfig | None = None) -> Gathered:
     """A simulated robot's scans and displacements, with perfect motion capture."""
     config = config or RobotConfig()
-    scenario = parse(text)
+    scenario = parse_scenario(text)
     gathered = Gathered(config)
     for message in Simulation(scenario, config).messages():
         if not isinstance(message, Bodies):
@@ -53,7 +53,7 @@ def scans_only(gathered: Gathered, config: RobotConfig) -> Gathered:
 @functools.cache
 def camera_drive(text: str, config: RobotConfig | None = None) -> Gathered:
     """The cameras of the same, at 10 Hz, without the rest of the robot."""
-    scenario = parse(text)
+    scenario = parse_scenario(text)
     arena = Arena(scenario)
     gathered = Gathered(config or RobotConfig())
     camera = SimulatedCamera(arena, 0, scenario)
@@ -71,7 +71,7 @@ class Count:
     """
 
     def __init__(self, text: str) -> None:
-        gathered, scenario = lidar_drive(text), parse(text)
+        gathered, scenario = lidar_drive(text), parse_scenario(text)
         lidar = gathered.config.lidar
         arena = Arena(scenario)
         path = gathered.path()

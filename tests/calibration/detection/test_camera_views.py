@@ -17,7 +17,7 @@ from host.config import Cameras, RobotConfig
 from host.geometry import to_frame, wrap
 from host.messages import Bearings
 from host.simulation.world.arena import Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from tests.calibration.detection.detection_drive import bodies, camera_drive
 
 ROOM = "arena4:seconds=150,seed=10,side_m=6,false_blobs=1,posts=0"
@@ -66,7 +66,7 @@ def test_pictures_can_be_drawn(fit: Calibration) -> None:
 
 def eyes(noise_deg: float, pixels_deg: float, off_deg: float = 0.0) -> Gathered:
     """Two cameras that see half each, every teammate in view, and tell their pixels' variances."""
-    scenario = parse("arena4:seconds=40,seed=5,posts=0")
+    scenario = parse_scenario("arena4:seconds=40,seed=5,posts=0")
     arena = Arena(scenario)
     config = RobotConfig()
     random = np.random.default_rng(8)

@@ -15,7 +15,7 @@ from host.config import BlindSector, Lidar, RobotConfig
 from host.geometry import wrap
 from host.messages import FloatArray
 from host.simulation.world.arena import Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from host.simulation.world.sensors import NOISE_RANGES_M, NOISE_STDS_M
 from tests.calibration.detection.detection_drive import Count, lidar_drive, scans_only
 
@@ -76,7 +76,7 @@ def test_the_curve_is_that_of_a_plain_count(fit: Calibration, count: Count) -> N
 
 
 def test_posts_are_told_as_things_that_stand_there(fit: Calibration) -> None:
-    posts = Arena(parse(ROOM)).posts
+    posts = Arena(parse_scenario(ROOM)).posts
     found = np.array(fit.figures["lidar"]["standing_things"])
     assert found[np.argsort(found[:, 0])] == pytest.approx(posts[np.argsort(posts[:, 0])], abs=0.02)
 
@@ -132,7 +132,7 @@ def test_a_mounting_that_is_off_is_named_as_the_cause() -> None:
 def test_a_teammate_behind_a_nearer_one_or_a_post_is_no_miss() -> None:
     """Every view that counts is clear of all nearer cylinders, by the true places of them."""
     gathered = lidar_drive("arena4:seconds=20,seed=1")
-    arena = Arena(parse("arena4:seconds=20,seed=1"))
+    arena = Arena(parse_scenario("arena4:seconds=20,seed=1"))
     views = survey_lidar(gathered, gathered.tracks()).views
     poses = arena.poses(views.times)
     covered = 0

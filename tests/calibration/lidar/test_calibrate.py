@@ -17,7 +17,7 @@ from host.geometry import Path
 from host.messages import Bodies, FloatArray, Positions, Scan
 from host.perception import turrets
 from host.simulation.offline import Simulation
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 LIMITS = np.array([math.radians(0.1), 0.003, 0.003, 0.005])
 RADIUS_M = 0.0325
@@ -252,7 +252,7 @@ def simulated(seed: int, seconds: float) -> Gathered:
     """What a robot of arena4 gathers, by the bytes of its simulated devices."""
     x, y, heading, delay = MOUNTED
     config = RobotConfig(lidar=Lidar(x_m=x, y_m=y, heading_rad=heading))
-    scenario = parse(f"arena4:seconds={seconds},seed={seed},camera_hz=0.1,mocap_hz=100")
+    scenario = parse_scenario(f"arena4:seconds={seconds},seed={seed},camera_hz=0.1,mocap_hz=100")
     gathered = Gathered(RobotConfig())
     for message in Simulation(scenario, config).messages():
         if isinstance(message, Scan):

@@ -23,7 +23,7 @@ from host.errors import UserError
 from host.messages import Bodies
 from host.recording import optiodom
 from host.simulation.world.arena import Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 from host.simulation.world.sensors import SimulatedEncoders
 
 TRUE = Wheels(left_radius_m=0.0331, right_radius_m=0.0321, track_m=0.151)
@@ -336,7 +336,7 @@ def test_in_the_simulation_sigmas_are_honest():
     )
     errors = []
     for seed in range(5):
-        scenario = parse(f"arena4:seed={seed},robots=1")
+        scenario = parse_scenario(f"arena4:seed={seed},robots=1")
         arena = Arena(scenario)
         times = np.arange(0.0, 45.0, 0.04)
         truth = arena.poses(times)[:, 0]

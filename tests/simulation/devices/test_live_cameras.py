@@ -19,7 +19,7 @@ from host.perception.red_strip import StripFinder
 from host.simulation.devices.live_cameras import LiveCameras, PictureFeed
 from host.simulation.live import LiveSimulation
 from host.simulation.pictures.render import Surroundings
-from host.simulation.world.scenarios import Scenario, parse
+from host.simulation.world.scenarios import Scenario, parse_scenario
 
 LONG_S = 20.0  # a bound on waiting, not on speed
 SMALL = Camera(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
@@ -131,7 +131,7 @@ def test_a_reader_that_comes_back_gets_whole_pictures_again(streams: LiveCameras
 
 def test_a_running_simulation_is_seen_by_the_real_driver_and_the_search() -> None:
     config = RobotConfig(camera=CAMERAS)
-    scenario = parse("arena4:seed=3,rendered=1,camera_hz=5")
+    scenario = parse_scenario("arena4:seed=3,rendered=1,camera_hz=5")
     found: dict[str, list[tuple[float, float]]] = {"front": [], "rear": []}
     enough = threading.Event()
     with LiveSimulation(scenario, config) as live:

@@ -9,7 +9,7 @@ import pytest
 from host.config import Camera, Cameras, RobotConfig
 from host.messages import Bearings, Message
 from host.simulation.offline import Simulation
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 SMALL = Camera(
     width_px=960, height_px=540, focal_px=305.6, centre_x_px=479.5, centre_y_px=269.5, x_m=0.05
@@ -19,7 +19,7 @@ ROBOT = RobotConfig(
         front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": math.pi})
     )
 )
-SCENARIO = parse("arena4:seed=2,rendered=1,seconds=3,camera_hz=5,camera_delay_s=0.2")
+SCENARIO = parse_scenario("arena4:seed=2,rendered=1,seconds=3,camera_hz=5,camera_delay_s=0.2")
 
 
 @pytest.fixture(scope="module")

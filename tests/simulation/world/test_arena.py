@@ -6,12 +6,12 @@ import pytest
 from host.errors import UserError
 from host.registry import SCENARIOS
 from host.simulation.world.arena import ARENA_STEP_S, BODY_RADIUS_M, TURRET_RADIUS_M, Arena
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 
 def walk(text: str, seconds: float) -> tuple[Arena, np.ndarray]:
     """An arena and its poses (k, n, 3) at every step."""
-    arena = Arena(parse(text))
+    arena = Arena(parse_scenario(text))
     poses = arena.poses(np.arange(round(seconds / ARENA_STEP_S) + 1) * ARENA_STEP_S)
     return arena, poses
 
@@ -64,17 +64,17 @@ def test_motion_is_along_the_heading_and_within_speed_and_slew_limits() -> None:
 
 def test_the_motion_does_not_depend_on_how_it_is_asked_for() -> None:
     times = np.random.default_rng(1).uniform(0.0, 8.0, 300)
-    at_once = Arena(parse("arena4:seed=9")).poses(times)
-    piecewise = Arena(parse("arena4:seed=9"))
+    at_once = Arena(parse_scenario("arena4:seed=9")).poses(times)
+    piecewise = Arena(parse_scenario("arena4:seed=9"))
     for until in (0.013, 3.0, 3.001, 7.99):
         piecewise.advance(until)
     one_by_one = np.concatenate([piecewise.poses(times[k : k + 1]) for k in range(len(times))])
     assert np.array_equal(at_once, one_by_one)
-    assert not np.array_equal(at_once, Arena(parse("arena4:seed=10")).poses(times))
+    assert not np.array_equal(at_once, Arena(parse_scenario("arena4:seed=10")).poses(times))
 
 
 def test_poses_between_steps_lie_between_them_and_the_past_stands_still() -> None:
-    arena = Arena(parse("arena4:seed=2"))
+    arena = Arena(parse_scenario("arena4:seed=2"))
     before, between, after, past = arena.poses(np.array([5.0, 5.005, 5.02, -3.0]))
     assert between == pytest.approx(0.75 * before + 0.25 * after)
     assert past == pytest.approx(arena.poses(np.array([0.0]))[0])
@@ -82,12 +82,17 @@ def test_poses_between_steps_lie_between_them_and_the_past_stands_still() -> Non
 
 def test_sensor_noise_does_not_change_the_motion() -> None:
     times = np.arange(0.0, 10.0, 0.5)
-    noisy = Arena(parse("arena4:seed=1,bearing_noise_deg=20,wheel_slip=0.2,dropout_share=0.5"))
-    assert np.array_equal(noisy.poses(times), Arena(parse("arena4:seed=1")).poses(times))
+    noisy = Arena(
+        parse_scenario("arena4:seed=1,bearing_noise_deg=20,wheel_slip=0.2,dropout_share=0.5")
+    )
+    assert np.array_equal(noisy.poses(times), Arena(parse_scenario("arena4:seed=1")).poses(times))
 
 
 def test_scenarios_are_read_as_written() -> None:
-    arena4, swarm20 = parse("arena4"), parse("swarm20:seconds=30,seed=7,camera_hz=5")
+    arena4, swarm20 = (
+        parse_scenario("arena4"),
+        parse_scenario("swarm20:seconds=30,seed=7,camera_hz=5"),
+    )
     assert (arena4.robots, arena4.posts, arena4.side_m) == (4, 2, 3.0)
     assert (swarm20.robots, swarm20.posts, swarm20.side_m) == (20, 6, 6.0)
     assert (swarm20.seconds, swarm20.seed, swarm20.camera_hz) == (30.0, 7, 5.0)
@@ -113,7 +118,7 @@ def test_scenarios_are_read_as_written() -> None:
 )
 def test_what_is_wrong_with_a_scenario_is_said(text: str, words: list[str]) -> None:
     with pytest.raises(UserError) as caught:
-        parse(text)
+        parse_scenario(text)
     for word in words:
         assert word in str(caught.value)
     assert caught.value.next_step
@@ -121,4 +126,4 @@ def test_what_is_wrong_with_a_scenario_is_said(text: str, words: list[str]) -> N
 
 def test_too_many_robots_for_the_room_are_refused() -> None:
     with pytest.raises(UserError, match="no room for 60 robots"):
-        Arena(parse("arena4:robots=60"))
+        Arena(parse_scenario("arena4:robots=60"))

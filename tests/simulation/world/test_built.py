@@ -10,25 +10,25 @@ from host.geometry import Path, to_frame
 from host.messages import Bodies, Displacement, Message, Scan, Truth
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built, known
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 CONFIG = RobotConfig()
 
 
 def run(text: str, config: RobotConfig = CONFIG) -> tuple[Simulation, list[Message]]:
-    simulation = Simulation(parse(text), config)
+    simulation = Simulation(parse_scenario(text), config)
     return simulation, list(simulation.messages())
 
 
 def test_the_host_knows_the_delays_of_a_robot_that_is_as_it_says() -> None:
-    scenario = parse("arena4:lidar_delay_s=0.08,camera_delay_s=0.2")
+    scenario = parse_scenario("arena4:lidar_delay_s=0.08,camera_delay_s=0.2")
     for config in (built(CONFIG, scenario), known(CONFIG, scenario)):
         assert (config.lidar.delay_s, config.camera.delay_s) == (0.08, 0.2)
         assert config.wheels == CONFIG.wheels
 
 
 def test_of_a_misbuilt_robot_it_knows_its_configuration_only() -> None:
-    scenario = parse("misbuilt4")
+    scenario = parse_scenario("misbuilt4")
     true = built(CONFIG, scenario)
     assert known(CONFIG, scenario) == CONFIG
     assert true.wheels.left_radius_m == pytest.approx(1.02 * CONFIG.wheels.left_radius_m)
@@ -60,7 +60,7 @@ def test_delays_that_are_not_known_make_a_scan_look_late() -> None:
 def test_odometry_of_wrong_wheels_strays_and_that_of_the_true_ones_does_not() -> None:
     ends = []
     text = "arena4:seconds=20,seed=2,misbuilt=1,wheel_slip=0,mocap_hz=50,mocap_noise_mm=0"
-    for config in (CONFIG, built(CONFIG, parse(text))):
+    for config in (CONFIG, built(CONFIG, parse_scenario(text))):
         simulation, messages = run(text, config)
         path = Path(keep_seconds=math.inf)
         for message in messages:

@@ -14,13 +14,13 @@ from host.drivers.x4.packets import angle_correction
 from host.geometry import to_frame, to_parent, wrap
 from host.simulation.world.arena import ARENA_STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import meet_cylinders, meet_walls, x4_beams
-from host.simulation.world.scenarios import Scenario, parse
+from host.simulation.world.scenarios import Scenario, parse_scenario
 from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
 
 CONFIG = RobotConfig()
 OPEN_VIEW = CONFIG.lidar.model_copy(update={"blind_sectors": ()})
 PERFECT = replace(
-    parse("arena4"),
+    parse_scenario("arena4"),
     range_noise=0.0,
     dropout_share=0.0,
     dark_wall_share=0.0,
@@ -138,7 +138,7 @@ def test_a_turret_is_found_where_it_stands(mounting: tuple[float, float, float])
 
 
 def test_every_sample_sees_the_world_of_its_own_moment() -> None:
-    arena = Arena(parse("arena4:seed=8"))
+    arena = Arena(parse_scenario("arena4:seed=8"))
     times, raw = one_turn()
     times = times + 5.0
     ranges = SimulatedLidar(arena, 0, PERFECT, OPEN_VIEW).ranges(times, raw)
@@ -154,7 +154,7 @@ def test_every_sample_sees_the_world_of_its_own_moment() -> None:
 
 
 def test_ranges_do_not_depend_on_the_pieces_in_which_they_are_asked() -> None:
-    scenario = parse("arena4:seed=3")
+    scenario = parse_scenario("arena4:seed=3")
     times = np.arange(4000) / 5000.0
     raw = np.mod(2 * np.pi * 7.0 * times, 2 * np.pi)
     whole = SimulatedLidar(Arena(scenario), 0, scenario, CONFIG.lidar).ranges(times, raw)
@@ -210,10 +210,10 @@ def test_range_noise_is_that_of_the_facts(metres: float, std_m: float) -> None:
 
 def test_missing_returns_are_as_many_as_indoors_and_come_in_runs() -> None:
     shares = []
-    arena = Arena(parse("arena4:seed=1"))
+    arena = Arena(parse_scenario("arena4:seed=1"))
     times, raw = one_turn()
     for seed in range(1, 13):  # as many rooms
-        lidar = SimulatedLidar(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.lidar)
+        lidar = SimulatedLidar(arena, 0, parse_scenario(f"arena4:seed={seed}"), CONFIG.lidar)
         nulls = [lidar.ranges(times + 2.0 * k, raw) == 0 for k in range(20)]
         shares.append(np.mean(nulls))
     assert 0.26 < np.mean(shares) < 0.36
@@ -231,7 +231,7 @@ def test_missing_returns_are_as_many_as_indoors_and_come_in_runs() -> None:
 
 
 def test_a_turret_near_by_nearly_always_returns_and_loses_its_rim() -> None:
-    scenario = replace(parse("arena4"), interference_deg=0.0, dark_wall_share=1.0)
+    scenario = replace(parse_scenario("arena4"), interference_deg=0.0, dark_wall_share=1.0)
     arena = StillArena([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)])
     lidar = SimulatedLidar(arena, 0, scenario, OPEN_VIEW)  # type: ignore[arg-type]
     times, raw = one_turn()
@@ -344,7 +344,7 @@ def dead_reckoned(encoders: SimulatedEncoders, start: np.ndarray, seconds: float
 
 
 def test_wheels_without_slip_reckon_the_true_path() -> None:
-    scenario = parse("arena4:seed=6,wheel_slip=0")
+    scenario = parse_scenario("arena4:seed=6,wheel_slip=0")
     arena = Arena(scenario)
     start, end = arena.poses(np.array([0.0, 30.0]))[:, 0]
     reckoned = dead_reckoned(SimulatedEncoders(arena, 0, scenario, CONFIG.wheels), start, 30.0)
@@ -354,10 +354,10 @@ def test_wheels_without_slip_reckon_the_true_path() -> None:
 
 def test_slip_makes_the_heading_drift_by_about_its_size() -> None:
     drifts = []
-    arena = Arena(parse("arena4:seed=1"))
+    arena = Arena(parse_scenario("arena4:seed=1"))
     start, end = arena.poses(np.array([0.0, 10.0]))[:, 0, 2]
     for seed in range(40):
-        encoders = SimulatedEncoders(arena, 0, parse(f"arena4:seed={seed}"), CONFIG.wheels)
+        encoders = SimulatedEncoders(arena, 0, parse_scenario(f"arena4:seed={seed}"), CONFIG.wheels)
         left, right = encoders.ticks(10.0)
         per_count = 2 * math.pi * 0.0325 / 1920
         drifts.append((right - left) * per_count / 0.144 - (end - start))
@@ -366,7 +366,7 @@ def test_slip_makes_the_heading_drift_by_about_its_size() -> None:
 
 
 def test_ticks_do_not_depend_on_when_they_are_read() -> None:
-    scenario = parse("arena4:seed=2")
+    scenario = parse_scenario("arena4:seed=2")
     often = SimulatedEncoders(Arena(scenario), 0, scenario, CONFIG.wheels)
     readings = [often.ticks(t) for t in np.arange(0.0, 5.0, 0.0137)]
     once = SimulatedEncoders(Arena(scenario), 0, scenario, CONFIG.wheels)
