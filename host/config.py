@@ -21,7 +21,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from host.config_errors import explain_settings
+from host.config_errors import NOT_REGISTERED, explain_settings
 from host.errors import UserError
 from host.registry import BOARDS, FILTERS, LIDARS, Registry
 
@@ -30,9 +30,6 @@ class Section(BaseModel):
     """A table of robot.toml: immutable, unknown keys refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-NOT_REGISTERED = "not_registered"  # the type of a validation error: a name without an entry
 
 
 def _registered(registry: Registry) -> Callable[[str], str]:

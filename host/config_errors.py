@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+NOT_REGISTERED = "not_registered"  # the type of a validation error: a name without an entry
+
 
 def explain_settings(
     error: ValidationError, model: type[BaseModel], text: str | None = None

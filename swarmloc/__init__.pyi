@@ -1,7 +1,6 @@
 from host.calibration.result import Calibration
 from host.calibration.robot_file import update as update_robot_file
-from host.config import RobotConfig
-from host.config import load_config
+from host.config import RobotConfig, load_config
 from host.errors import UserError
 from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter

@@ -18,8 +18,8 @@ from typing import Any, Self
 import numpy as np
 from pydantic import ValidationError
 
-from host.config import NOT_REGISTERED, RobotConfig
-from host.config_errors import explain_settings
+from host.config import RobotConfig
+from host.config_errors import NOT_REGISTERED, explain_settings
 from host.errors import UserError
 from host.messages import (
     Bearings,
