@@ -2,7 +2,7 @@
 
 
 class UserError(Exception):
-    """A failure told in one to three lines.
+    """A failure in one to three lines.
 
     what: the thing that failed; why: its cause, as far as it is known; next_step: what to do now.
     """

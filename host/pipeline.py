@@ -1,6 +1,6 @@
 """Sources → localizer → sinks: a thread per device, one for the localizer, a bounded queue between.
 
-A device that fails is told as Health and the rest goes on; so is a sink. What the localizer
+A device that fails is reported as Health and the rest goes on; so is a sink. What the localizer
 consumed, in its order, and what it made of it, goes to every sink.
 """
 
@@ -17,7 +17,7 @@ from host.messages import Bearings, Displacement, Estimate, Health, Message, Pos
 
 CAPACITY = 256  # messages: some 3 s of them
 _HEALTH_S = 1.0
-NAME = "localizer"
+LOCALIZER = "localizer"
 _POLL_S = 0.1
 _JOIN_S = 5.0  # for a device to stop its motor and close its port
 
@@ -107,7 +107,7 @@ class Pipeline:
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
             for name, source in sources.items()
         ]
-        self._thread = threading.Thread(target=self._localize, name=NAME, daemon=True)
+        self._thread = threading.Thread(target=self._localize, name=LOCALIZER, daemon=True)
         self._counts = {"messages": 0, "estimates": 0, "dropped": 0, "late": 0, "busy_ms": 0}
         self._busy_s = 0.0
         self._reported = dict(self._counts)
@@ -140,15 +140,15 @@ class Pipeline:
             source.run(self._queue.put, self.stop)
         except Exception as error:
             # Whatever it is, the other devices and the localizer go on without this one.
-            self._tell_failure(name, error, self._queue.put)
+            self._report_failure(name, error, self._queue.put)
 
-    def _tell_failure(self, name: str, error: Exception, tell: Sink) -> None:
+    def _report_failure(self, name: str, error: Exception, report: Sink) -> None:
         self.failures[name] = error
         if isinstance(error, UserError):
             reason = "; ".join(str(error).splitlines())
         else:
             reason = f"ended by a fault of swarmloc ({type(error).__name__}: {error})"
-        tell(Health(self._clock(), name, False, reason, {}))
+        report(Health(self._clock(), name, False, reason, {}))
 
     def _localize(self) -> None:
         try:
@@ -157,10 +157,10 @@ class Pipeline:
                 if message is not None:
                     self._handle(message)
                 self._report()
-            self._tell(self._localizer.finish())
+            self._publish(self._localizer.finish())
         except Exception as error:
-            # Raised again by whoever reads `failures`, in a thread that can tell the user.
-            self.failures[NAME] = error
+            # Raised again by whoever reads `failures`, in a thread that can report it to the user.
+            self.failures[LOCALIZER] = error
             self.stop.set()
 
     def _handle(self, message: Message) -> None:
@@ -171,9 +171,9 @@ class Pipeline:
         start = time.perf_counter()
         estimates = self._localizer.handle(message)
         self._busy_s += time.perf_counter() - start
-        self._tell(estimates)
+        self._publish(estimates)
 
-    def _tell(self, estimates: Sequence[Estimate]) -> None:
+    def _publish(self, estimates: Sequence[Estimate]) -> None:
         self._counts["estimates"] += len(estimates)
         for estimate in estimates:
             self._deliver(estimate)
@@ -187,10 +187,10 @@ class Pipeline:
             except Exception as error:
                 # A full disk ends the recording, not the run.
                 del self._sinks[name]
-                self._tell_failure(name, error, self._deliver)
+                self._report_failure(name, error, self._deliver)
 
     def _report(self) -> None:
-        """Tell how the localizer itself does, once a second or as soon as it can."""
+        """Report the localizer's own health, once a second or as soon as it can."""
         now = self._clock()
         seconds = now - self._last_health
         if seconds < _HEALTH_S:
@@ -207,4 +207,4 @@ class Pipeline:
         if dropped:
             reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
             reason += "sensors (--sensors lidar)"
-        self._deliver(Health(now, NAME, not dropped, reason, dict(self._counts)))
+        self._deliver(Health(now, LOCALIZER, not dropped, reason, dict(self._counts)))

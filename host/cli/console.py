@@ -1,7 +1,7 @@
 """The screen of a run: a table of teammates and the devices' health.
 
-On a terminal the whole of it is drawn again in place; elsewhere a line tells each second, and one
-each change of a device.
+On a terminal it is redrawn in place; elsewhere there is one line a second, and one for each change
+of a device.
 """
 
 import math
@@ -45,7 +45,7 @@ def coloured(text: str, style: str) -> str:
 
 @dataclass
 class State:
-    """What the screen tells. title: what runs; filter_name, sensors: as chosen.
+    """What the screen shows. title: what runs; filter_name, sensors: as chosen.
 
     seconds: since the start; real_time_factor: measured seconds per second of the clock.
     """
@@ -192,7 +192,7 @@ class Console:
         self._paint = coloured if self._terminal and not os.environ.get("NO_COLOR") else plain
         self._opened = False
         self._next_line = self._start + LINE_S
-        self._told: dict[str, tuple[bool, str]] = {}
+        self._shown: dict[str, tuple[bool, str]] = {}
         self._progress: list[tuple[float, float]] = []  # clock, time of the newest estimate
 
     def take(self, message: Message) -> None:
@@ -242,9 +242,9 @@ class Console:
         self._opened = True
         for name, health in self._state.devices.items():
             # While all is well its words may change with every figure in them.
-            told = (health.ok, "" if health.ok else health.reason)
-            if self._told.get(name) != told:
-                self._told[name] = told
+            state = (health.ok, "" if health.ok else health.reason)
+            if self._shown.get(name) != state:
+                self._shown[name] = state
                 word, reason = "ok" if health.ok else "DOWN", one_line(health.reason)
                 lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
         if now >= self._next_line:

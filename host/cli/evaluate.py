@@ -56,14 +56,14 @@ def evaluate(
 ) -> None:
     """Score filters on each source; `_HELP` is what the user reads."""
     names = options.several(filters, FILTERS.names(), "--filters")
-    wanted = options.several(sensors, SENSORS, "--sensors")
+    chosen = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else robot_configuration(robot_path)
     for source in sources:  # what is mistyped fails before anything is computed
         check_source(source)
-    size = step_count(sources, names, wanted)
+    size = step_count(sources, names, chosen)
     with click.progressbar(
         length=size, label="evaluating", item_show_func=lambda done: done or "", file=sys.stderr
     ) as bar:
-        rows = score_sources(sources, names, wanted, robot, lambda done: bar.update(1, done))
+        rows = score_sources(sources, names, chosen, robot, lambda done: bar.update(1, done))
     click.echo(table(rows))
     options.write_json(json_path, [row.as_json() for row in rows])

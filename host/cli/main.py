@@ -24,7 +24,7 @@ class Failure(click.ClickException):
 
 
 class Commands(click.Group):
-    """Tells failures in words, and as a traceback only with --debug."""
+    """Shows failures in words, and as a traceback only with --debug."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""

@@ -10,7 +10,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def signals_caught() -> Iterator[Callable[[], bool]]:
-    """Gives what tells whether a signal to end came; a second one ends the program at once."""
+    """Gives a function: did a signal to end come? A second one ends the program at once."""
     came = False
     before = {number: signal.getsignal(number) for number in _SIGNALS}
 

@@ -9,6 +9,7 @@ from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
+from host.pipeline import LOCALIZER
 from host.recording.log import Recording
 from host.sessions.running import RunOutcome, never, run_devices
 from host.sessions.runs import Progress, find_source, read_as, unseen
@@ -95,7 +96,7 @@ class DriveWatch:
     def missing(self) -> Sequence[str]:
         """A device that is down, or else what the drive still lacks; empty: enough to fit."""
         for name, health in list(self._health.items()):
-            if not health.ok and name != "localizer":
+            if not health.ok and name != LOCALIZER:
                 return [f"{name}: {one_line(health.reason)}"]
         if self._mocap and not self.gathered.bodies:
             return ["waiting for motion capture"]

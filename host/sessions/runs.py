@@ -142,8 +142,8 @@ def read_as(recording: Recording, config: RobotConfig) -> Iterator[Message]:
 def simulated(scenario: Scenario, config: RobotConfig) -> tuple[Simulation, Iterator[Message]]:
     """A scenario, and all messages of it with truth at every scan besides.
 
-    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer turns. Raises
-    UserError at once where the scenario has no room for its robots.
+    Between samples a tenth of a second apart, truth is 2 cm wrong while the observer rotates.
+    Raises UserError at once where the scenario has no room for its robots.
     """
     simulation = Simulation(scenario, config)
     return simulation, _with_truth(simulation)

@@ -14,7 +14,7 @@ from host.config import BlindSector, Lidar, RobotConfig
 from host.drivers.x4.liveness import Liveness, covered_sector, judged_degrees
 from host.messages import FloatArray, Scan
 from host.simulation.offline import Simulation
-from host.simulation.world.scenarios import parse
+from host.simulation.world.scenarios import parse_scenario
 
 BARE = Lidar(blind_sectors=())
 
@@ -167,7 +167,7 @@ def test_a_wrong_sample_rate_is_named(rate_hz: float) -> None:
 def test_simulated_lidars_are_well(name: str) -> None:
     config = RobotConfig()
     liveness, samples, next_s = Liveness(config.lidar), 0, 1.0
-    for message in Simulation(parse(name), config).messages():
+    for message in Simulation(parse_scenario(name), config).messages():
         if isinstance(message, Scan):
             samples += len(message.ranges)
             liveness.add(message, 7.0)
