@@ -9,7 +9,7 @@ from host.drivers.romeo.ports import AUTO
 from host.flashing import build as romeo_build
 from host.flashing import flash as romeo_flash
 from host.flashing import identity as romeo_identity
-from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware
+from host.flashing.firmware import FLASH_BYTES, RAM_BYTES, Firmware
 
 
 @click.command(

@@ -21,8 +21,9 @@ from host.drivers.romeo.ports import (
 from host.drivers.romeo.protocol import IdentityFrame
 from host.drivers.serial_port import stable_path
 from host.errors import UserError
-from host.flashing.build import PROJECT, Firmware, platformio_folder
+from host.flashing.firmware import PROJECT, Firmware
 from host.flashing.identity import compare, identity_of, read_identity
+from host.flashing.platformio import platformio_folder
 from host.folders import build_folder
 
 TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way to the bootloader

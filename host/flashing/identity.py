@@ -18,7 +18,7 @@ from host.drivers.romeo.protocol import (
 from host.drivers.romeo.session import ASK_PERIOD_S
 from host.drivers.serial_port import explain, read_available
 from host.errors import UserError
-from host.flashing.build import PROJECT
+from host.flashing.firmware import PROJECT
 
 IDENTITY_S = 4.0
 

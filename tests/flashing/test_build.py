@@ -1,5 +1,6 @@
 """The firmware's build with avr-gcc: what it makes, when it makes it anew, and how it fails."""
 
+import os
 import re
 import subprocess
 import threading
@@ -12,17 +13,13 @@ import pytest
 
 from host.errors import UserError
 from host.flashing import build as romeo_build
-from host.flashing import elf
+from host.flashing import elf, platformio
 from host.flashing.arduino_core import ArduinoCore, properties
-from host.flashing.build import (
-    FLASH_BYTES,
-    RAM_BYTES,
-    Firmware,
-    build,
-    build_with_avr_gcc,
-    build_with_platformio,
-)
+from host.flashing.build import build, build_with_avr_gcc
 from host.flashing.elf import symbols
+from host.flashing.firmware import FLASH_BYTES, RAM_BYTES, Firmware
+from host.flashing.platformio import build_with_platformio
+from host.folders import build_folder
 from tests.toolchain import needed
 
 SKETCH = """
@@ -108,12 +105,14 @@ def test_it_is_built_once_for_each_state_of_the_sources(project: Path) -> None:
     assert symbols(second.elf) == symbols(first.elf)
 
 
-def test_two_that_build_the_same_at_once_get_the_same(project: Path, builds: Path) -> None:
+def test_two_that_build_the_same_at_once_get_the_same(project: Path) -> None:
     (project / "src/main.cpp").write_text(SKETCH + "// another state of the sources\n")
     with ThreadPoolExecutor(2) as pool:
         both = list(pool.map(lambda _: build_with_avr_gcc(project=project), range(2)))
     assert both[0] == both[1]
-    assert all(path.name.count(".") == 0 for path in builds.iterdir()), "left something behind"
+    assert all(path.name.count(".") == 0 for path in build_folder().iterdir()), (
+        "left something behind"
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,8 +182,8 @@ def tools(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., str]
         return Firmware(tmp_path / "elf", tmp_path / "hex", 1, 1, name)
 
     def chosen(pio: str | None, registry: str) -> str:
-        monkeypatch.setattr(romeo_build, "find_platformio", lambda: pio)
-        monkeypatch.setattr(romeo_build, "REGISTRY", registry)
+        monkeypatch.setattr(platformio, "find_platformio", lambda: pio)
+        monkeypatch.setattr(platformio, "REGISTRY", registry)
         return build().built_with
 
     monkeypatch.setattr(romeo_build, "build_with_avr_gcc", lambda **_: made("avr-gcc"))
@@ -204,7 +203,7 @@ class Refusal(BaseHTTPRequestHandler):
 
 
 def test_platformio_builds_where_its_registry_answers_or_is_not_needed(
-    tools: Callable[..., str], tmp_path: Path
+    tools: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with HTTPServer(("127.0.0.1", 0), Refusal) as server:
         address = f"http://127.0.0.1:{server.server_port}/"
@@ -213,15 +212,19 @@ def test_platformio_builds_where_its_registry_answers_or_is_not_needed(
         assert tools("pio", address) == "PlatformIO"
         server.shutdown()
         thread.join()
-    assert tools("pio", address) == "avr-gcc, for PlatformIO's registry does not answer"
-    assert tools(None, address) == "avr-gcc, for PlatformIO is not installed"
-    for part in romeo_build._PLATFORM_PARTS:
+    assert tools("pio", address) == "avr-gcc, because PlatformIO's registry does not answer"
+    assert tools(None, address) == "avr-gcc, because PlatformIO is not installed"
+    for part in platformio._PLATFORM_PARTS:
         (tmp_path / part).mkdir(parents=True)
     assert tools("pio", address) == "PlatformIO"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "access", lambda *_: False)
+        said = f"avr-gcc, because PlatformIO cannot write its folder {tmp_path}"
+        assert tools("pio", address) == said
 
 
 def test_platformio_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(romeo_build, "find_platformio", lambda: None)
+    monkeypatch.setattr(platformio, "find_platformio", lambda: None)
     with pytest.raises(UserError, match="PlatformIO\nit is not installed\nrun: pip install"):
         build_with_platformio()
 

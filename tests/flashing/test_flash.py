@@ -18,7 +18,8 @@ from host.drivers.serial_port import open_port
 from host.errors import UserError
 from host.flashing import flash as romeo_flash
 from host.flashing import identity as romeo_identity
-from host.flashing.build import Firmware, build_with_avr_gcc
+from host.flashing.build import build_with_avr_gcc
+from host.flashing.firmware import Firmware
 from host.flashing.flash import LOG, find_avrdude, flash
 from host.flashing.identity import identity_of, in_words
 from host.folders import build_folder

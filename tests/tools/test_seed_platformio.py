@@ -7,13 +7,9 @@ from pathlib import Path
 import pytest
 
 from host.errors import UserError
-from host.flashing.build import (
-    PROJECT,
-    build_with_avr_gcc,
-    build_with_platformio,
-    find_platformio,
-    require_avr_gcc,
-)
+from host.flashing.build import build_with_avr_gcc, require_avr_gcc
+from host.flashing.firmware import PROJECT
+from host.flashing.platformio import build_with_platformio, find_platformio
 from tests.toolchain import missing, needed
 
 SPEC = importlib.util.spec_from_file_location(
@@ -64,6 +60,9 @@ def test_it_builds_byte_for_byte_what_avr_gcc_alone_builds(tmp_path: Path) -> No
     assert by_platformio.flash_bytes == by_avr_gcc.flash_bytes
     assert by_platformio.ram_bytes == by_avr_gcc.ram_bytes
     assert (PROJECT / "platformio.ini").read_bytes() == settings
+    # PlatformIO is given a copy: it refuses a project that cannot be written, as an installed one.
+    copied = {path.name for path in (tmp_path / "project").iterdir()}
+    assert copied >= {"include", "src", "platformio.ini"}
 
 
 def test_nothing_of_the_users_is_overwritten(tmp_path: Path, core_folder: Path) -> None:

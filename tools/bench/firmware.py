@@ -19,7 +19,8 @@ from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, VelocityFrame
 from host.drivers.romeo.session import settings_for
 from host.errors import UserError
-from host.flashing.build import FLASH_BYTES, RAM_BYTES, Firmware, build_with_avr_gcc
+from host.flashing.build import build_with_avr_gcc
+from host.flashing.firmware import FLASH_BYTES, RAM_BYTES, Firmware
 from host.simulation.devices.motors import DrivenRobot
 from host.simulation.devices.romeo_elf import CYCLES_PER_S, LEFT, RIGHT, STEPS_PER_COUNT, RomeoElf
 
