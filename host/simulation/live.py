@@ -78,12 +78,12 @@ class Terminal:
         return not any(event & select.POLLHUP for _, event in poll.poll(0))
 
     def read(self) -> bytes:
-        """Whatever the host has written since the last call."""
-        if self._master is None or not self.listening:
+        """Whatever the host has written since the last call, be it the last before it closed."""
+        if self._master is None:
             return b""
         try:
             return os.read(self._master, 4096)
-        except OSError:  # nothing there, or the host closed the port just now
+        except OSError:  # nothing there, or no host has the port open
             return b""
 
     def write(self, data: bytes) -> None:
@@ -216,6 +216,9 @@ class LiveSimulation:
                 for terminal, device in self._ports.values():
                     _exchange(terminal, device, now)
                 self._simulation.forget(now - MEMORY_S)
+        # What the drivers sent when they ended: STOP, and wheel speeds of 0.
+        for terminal, device in self._ports.values():
+            device.receive(terminal.read(), self.clock() - self._start)
 
     def _plug(self, now: float) -> None:
         for name, (terminal, device) in self._ports.items():

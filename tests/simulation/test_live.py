@@ -16,8 +16,8 @@ from host.config import Motors, RobotConfig
 from host.drivers.natnet.client import NatNetClient
 from host.drivers.romeo.device import Romeo
 from host.drivers.serial_port import open_port, read_available
-from host.drivers.x4.commands import INFO, SCAN, DeviceInfo
-from host.drivers.x4.device import X4
+from host.drivers.x4.commands import INFO, SCAN, STOP, DeviceInfo
+from host.drivers.x4.device import X4, X4Pro
 from host.drivers.x4.packets import BAUDRATE
 from host.drivers.x4.protocol import ScanDecoder
 from host.errors import UserError
@@ -236,3 +236,41 @@ def test_motion_capture_is_a_server_that_the_real_client_reads() -> None:
             (seen,) = tracks.truths(np.array([frame.time]))
             # 3 mm: a tenth of that are a millisecond of driving.
             assert seen.positions == pytest.approx(live.truth(frame.time).positions, abs=3e-3)
+
+
+@pytest.mark.parametrize("again", range(3))
+def test_the_lidar_receives_the_last_stop(again: int) -> None:
+    received: list[bytes] = []
+    with LiveSimulation(ARENA, RobotConfig()) as simulation:
+        lidar = simulation._simulation.lidar
+        receive = lidar.receive
+
+        def keep(data: bytes, now: float) -> None:
+            received.append(data)
+            receive(data, now)
+
+        lidar.receive = keep  # type: ignore[method-assign]
+        inbox, stop = Inbox(), threading.Event()
+        driver = threading.Thread(
+            target=X4(simulation.config.lidar).run, args=(inbox, stop), daemon=True
+        )
+        driver.start()
+        inbox.wait_for(Scan)
+        stop.set()
+        driver.join()
+    assert b"".join(received).endswith(STOP)
+
+
+def test_an_x4_pro_is_simulated_by_its_name() -> None:
+    robot = RobotConfig()
+    robot = robot.model_copy(update={"lidar": robot.lidar.model_copy(update={"model": "x4pro"})})
+    with LiveSimulation(ARENA, robot) as simulation:
+        inbox, stop = Inbox(), threading.Event()
+        driver = threading.Thread(
+            target=X4Pro(simulation.config.lidar).run, args=(inbox, stop), daemon=True
+        )
+        driver.start()
+        inbox.wait_for(Scan, count=3)
+        stop.set()
+        driver.join()
+    assert all(message.ok for message in inbox.messages if isinstance(message, Health))

@@ -5,7 +5,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import serial
@@ -20,6 +20,7 @@ from host.drivers.x4.formats import unknown_format
 from host.drivers.x4.liveness import Liveness
 from host.drivers.x4.packets import BAUDRATE
 from host.drivers.x4.protocol import ScanDecoder
+from host.drivers.x4.state import Identity, damage, in_words, why_silent
 from host.errors import UserError
 from host.messages import Message
 
@@ -32,8 +33,6 @@ _SCAN_AGAIN_S = 5.0
 # Connecting again starts the motor anew, which costs a slow one its speed.
 _GIVE_UP_S = 20.0
 _HEALTH_PERIOD_S = 1.0
-_DAMAGED_SHARE = 0.1
-_LOST_SHARE = 0.02
 _RECENT_BYTES = 4096
 
 ReplyKind = TypeVar("ReplyKind", DeviceInfo, DeviceHealth)
@@ -82,7 +81,7 @@ class X4:
         finally:
             self._leave(port)
 
-    def _identify(self, port: serial.Serial) -> "_Identity":
+    def _identify(self, port: serial.Serial) -> Identity:
         """Ask the lidar which one it is. Raises UserError where it is none that is known."""
         port.write(commands.STOP)  # what may still run from before
         self._drain(port)
@@ -91,9 +90,9 @@ class X4:
         health = self._ask(port, (commands.HEALTH, commands.HEALTH_OF_SDK), DeviceHealth)
         counts = self._decoder.counts
         if info is None and health is None and counts["packets"] > before["packets"]:
-            return _Identity(one_way=True, info=None)
+            return Identity(one_way=True, info=None)
         self._check_answers(info, health, counts["bytes_skipped"] > before["bytes_skipped"])
-        return _Identity(one_way=False, info=info)
+        return Identity(one_way=False, info=info)
 
     def _switch_motor(self, port: serial.Serial, on: bool) -> bool:
         """Start or stop the motor by DTR. False on ports without that line (pseudo-terminals)."""
@@ -150,10 +149,11 @@ class X4:
             return
         if info is None and health is None:
             if noise:
+                found = unknown_format(self._recent)
                 raise UserError(
                     "the lidar's bytes make no sense",
                     f"something answers, but not as a YDLidar X4 does at {BAUDRATE} baud"
-                    + self._about_format(),
+                    + (f" ({found})" if found else ""),
                     "check that the port is the lidar's and the model an X4",
                 )
             raise UserError(
@@ -174,7 +174,7 @@ class X4:
                 "unplug both USB leads for some seconds; if it stays, the lidar is broken",
             )
 
-    def _scan(self, port: serial.Serial, identity: "_Identity") -> None:
+    def _scan(self, port: serial.Serial, identity: Identity) -> None:
         """Emit scans until `stop` is set. Raises UserError without scans, OSError on unplugging."""
         decoder, delay = self._decoder, self._config.delay_s
         port.write(commands.SCAN)
@@ -193,7 +193,8 @@ class X4:
             if decoder.counts["packets"] > packets:
                 packets, last = decoder.counts["packets"], now
             elif now - last > (_SILENCE_S if came else _SPIN_UP_S):
-                reason = self._why_silent(before, came)
+                skipped = decoder.counts["bytes_skipped"] > before["bytes_skipped"]
+                reason = why_silent(self._recent if skipped else b"", came, identity)
                 if now - last > _GIVE_UP_S:
                     raise reason
                 self._report_failure(reason)
@@ -204,78 +205,18 @@ class X4:
                 self._report(*self._judge(before, identity, liveness, now))
                 checked, before = now, dict(decoder.counts)
 
-    def _why_silent(self, before: dict[str, int], samples_came: bool) -> UserError:
-        """Why no sound packet comes. before: the counts when one came, or at the beginning."""
-        counts = self._decoder.counts
-        if counts["bytes_skipped"] > before["bytes_skipped"]:
-            return self._unknown_format() or UserError(
-                "the lidar sends only damaged packets",
-                "the cable is poor, the supply too weak, or another program reads the same port",
-                "use a short cable and a supply of 1 A or more; sudo fuser -v PORT names programs",
-            )
-        if samples_came:
-            return UserError(
-                "the lidar stopped sending",
-                "its motor stands still or its supply failed",
-                "check that it turns freely and has 1 A or more at the POWER lead",
-            )
-        return UserError(
-            "the lidar answers but sends no samples",
-            "its motor does not turn: it is powered by a lead of its own",
-            "connect the second USB lead (POWER, USB_PWR) to a supply of 1 A or more",
-        )
-
-    def _about_format(self) -> str:
-        found = unknown_format(self._recent)
-        return f" ({found})" if found else ""
-
-    def _unknown_format(self) -> UserError | None:
-        found = unknown_format(self._recent)
-        if found is None:
-            return None
-        return UserError(
-            "the lidar's packets have an unknown format",
-            f"it sends {found}",
-            "check the label below the lidar: X4 or X4 Pro are supported",
-        )
-
     def _judge(
-        self, before: dict[str, int], identity: "_Identity", liveness: Liveness, now: float
+        self, before: dict[str, int], identity: Identity, liveness: Liveness, now: float
     ) -> tuple[bool, str]:
         """Whether the last second of samples was good, and in words."""
         counts = self._decoder.counts
         change = {name: count - before[name] for name, count in counts.items()}
-        bad = change["checksum_errors"] + change["implausible_packets"]
-        share = bad / max(1, bad + change["packets"])
         fault = liveness.fault(now, counts["points"])
-        if share > _DAMAGED_SHARE:
-            fault = self._unknown_format() or UserError(
-                f"{100 * share:.0f} % of the packets are damaged: use a short cable and a supply "
-                "of 1 A or more, and close other programs on the port"
-            )
+        fault = damage(change, self._recent) or fault
         if fault is not None:
             return False, str(fault)
-        return True, ", ".join(self._words(change, identity))
-
-    def _words(self, change: dict[str, int], identity: "_Identity") -> list[str]:
-        """How it does, where it does well. change: what was counted in the last second."""
         rate_hz = self._decoder.speed_hz or self._decoder.motor_hz
-        words = [f"scanning at {rate_hz:.1f} revolutions/s" if rate_hz else "scanning"]
-        lost = change["points_lost"] / max(1, change["points_lost"] + change["points"])
-        if lost > _LOST_SHARE:
-            words.append(f"{100 * lost:.0f} % of the samples are lost")
-        info = identity.info
-        if identity.one_way:
-            words.append("answers no command: an X4 Pro")
-        elif info is not None:
-            words.append(f"firmware {info.firmware}")
-            if info.model not in commands.X4_MODELS:
-                words.append(f"unknown model code {info.model}, read as an X4")
-        if not self._motor_switch:
-            words.append("motor stays on")
-        elif info is not None:  # both would not fit on a line of the screen
-            words.append(f"serial {info.serial}")
-        return words
+        return True, in_words(change, rate_hz, identity, self._motor_switch)
 
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))
@@ -288,9 +229,9 @@ class X4:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Identity:
-    """Which lidar it is. one_way: it answers no command; info: as far as it answered."""
+class X4Pro(X4):
+    """The X4 Pro: the same packets, but it answers no command and sends as soon as it has power."""
 
-    one_way: bool
-    info: DeviceInfo | None
+    def _identify(self, port: serial.Serial) -> Identity:
+        """It cannot be asked."""
+        return Identity(one_way=True, info=None)

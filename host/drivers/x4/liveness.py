@@ -155,7 +155,7 @@ class Liveness:
             return UserError(
                 f"{rate:.0f} samples/s come, an X4 makes {SAMPLE_RATE_HZ:.0f}",
                 "the lidar is another model",
-                "check the label below the lidar: X4 or X4 Pro are supported",
+                "check the label below the lidar: X4 and X4 Pro are supported",
             )
         return UserError(
             f"only {rate:.0f} samples/s come, an X4 makes {SAMPLE_RATE_HZ:.0f}",

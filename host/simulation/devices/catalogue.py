@@ -9,12 +9,12 @@ from host.config import Lidar, Motors, RobotConfig
 from host.drivers.romeo.device import Romeo
 from host.drivers.romeo.session import BoardSession
 from host.drivers.x4.commands import RESET, SCAN
-from host.drivers.x4.device import X4
+from host.drivers.x4.device import X4, X4Pro
 from host.drivers.x4.protocol import ScanDecoder
 from host.messages import Message, Scan
 from host.registry import BOARDS, LIDARS
 from host.simulation.devices.board import STAND_IN, BoardKind, best_board
-from host.simulation.devices.x4 import Sense, X4Emulator
+from host.simulation.devices.x4 import Sense, X4Emulator, X4ProEmulator
 from host.simulation.world.raycast import BeamsOf, straight_beams, x4_beams
 
 
@@ -76,6 +76,7 @@ class BoardEntry:
 
 
 LIDARS.register("x4", LidarEntry(X4, ScanDecoder, X4Emulator, SCAN, RESET, x4_beams))
+LIDARS.register("x4pro", LidarEntry(X4Pro, ScanDecoder, X4ProEmulator, beams=x4_beams))
 BOARDS.register("romeo", BoardEntry(Romeo, BoardSession, STAND_IN, best_board))
 
 

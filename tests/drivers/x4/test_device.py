@@ -5,6 +5,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ import pytest
 from host.config import Lidar
 from host.drivers.x4 import device as x4
 from host.drivers.x4.commands import DeviceHealth
-from host.drivers.x4.device import X4
+from host.drivers.x4.device import X4, X4Pro
 from host.messages import FloatArray, Health, Message, Scan
-from host.simulation.devices.x4 import X4Emulator
+from host.simulation.devices.x4 import X4Emulator, X4ProEmulator
 
 PATIENCE_S = 20.0
 
@@ -72,7 +73,8 @@ class Bench:
 
     def run(self, **settings: object) -> None:
         config = Lidar.model_validate({"port": str(self.path), **settings})
-        self._driver = threading.Thread(target=self._drive, args=(X4(config),))
+        driver = X4Pro(config) if config.model == "x4pro" else X4(config)
+        self._driver = threading.Thread(target=self._drive, args=(driver,))
         self._driver.start()
 
     def _drive(self, driver: X4) -> None:
@@ -224,3 +226,81 @@ def test_a_busy_port_is_named(bench: Bench) -> None:
         bench.run()
         bench.wait_reason("another program has it open")
     bench.wait_reason("scanning", ok=True)
+
+
+@pytest.mark.parametrize("model", ["x4", "x4pro"])
+def test_an_x4_pro_scans_whether_it_is_configured_or_recognized(bench: Bench, model: str) -> None:
+    bench.lidar = X4ProEmulator(sense)
+    bench.plug()
+    bench.run(model=model)
+    bench.wait_reason("answers no command, as an X4 Pro", ok=True)
+    assert bench.scans()
+    assert all(health.ok for health in bench.health())
+
+
+def test_a_silent_x4_pro_is_named(bench: Bench) -> None:
+    bench.lidar = X4ProEmulator(sense)
+    bench.lidar.motor_powered = False
+    bench.plug()
+    bench.run(model="x4pro")
+    bench.wait_reason("the lidar sends nothing")
+    bench.lidar.motor_powered = True
+    bench.wait_reason("scanning", ok=True)
+
+
+@pytest.mark.parametrize(("code", "name"), [(5, "G4"), (8, "F4 Pro")])
+def test_another_model_is_named(bench: Bench, code: int, name: str) -> None:
+    bench.lidar.info = replace(bench.lidar.info, model=code)
+    bench.plug()
+    bench.run()
+    bench.wait_reason(f"the lidar is a YDLidar {name}, not an X4")
+    assert not bench.scans()
+
+
+def test_an_unknown_model_code_is_named_and_read_as_an_x4(bench: Bench) -> None:
+    bench.lidar.info = replace(bench.lidar.info, model=77)
+    bench.plug()
+    bench.run()
+    bench.wait_reason("unknown model code 77", ok=True)
+
+
+def test_a_slow_motor_is_waited_for(bench: Bench) -> None:
+    bench.lidar.spin_up_s = 1.2  # three times as long as this test lets the driver wait
+    bench.plug()
+    bench.run()
+    bench.wait_reason("sends no samples")
+    bench.wait_reason("scanning", ok=True)
+    assert bench.health()[-1].counts["connections"] == 1
+    assert x4._SPIN_UP_S < 1.2 < x4._GIVE_UP_S
+
+
+def test_a_dead_laser_is_not_ok(bench: Bench) -> None:
+    bench.lidar.laser_fires = False
+    bench.plug()
+    bench.run()
+    bench.wait_reason("all ranges are zero: the laser does not fire")
+    assert not bench.health()[-1].ok
+    bench.lidar.laser_fires = True
+    bench.wait(lambda: bench.health()[-1].ok)
+
+
+def test_a_covered_window_is_not_ok(bench: Bench) -> None:
+    bench.lidar = X4Emulator(
+        lambda times, angles: np.where((angles > 1.0) & (angles < 3.0), 0, 2.0)
+    )
+    bench.plug()
+    bench.run()
+    bench.wait_reason("something covers the window")
+
+
+def test_an_unknown_format_is_named_and_no_bad_cable(bench: Bench) -> None:
+    packets = bench.lidar.transmit
+    bench.plug()
+
+    def with_other_headers(now: float) -> list[tuple[float, bytes]]:
+        return [(when, data.replace(b"\xaa\x55", b"\x54\x2c")) for when, data in packets(now)]
+
+    bench.lidar.transmit = with_other_headers  # type: ignore[method-assign]
+    bench.run()
+    bench.wait_reason("the lidar's packets have an unknown format")
+    assert not any("damaged" in health.reason for health in bench.health())

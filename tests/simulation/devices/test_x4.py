@@ -11,7 +11,7 @@ from host.drivers.x4.commands import DeviceHealth, DeviceInfo, ScanBegins
 from host.drivers.x4.packets import angle_correction
 from host.drivers.x4.protocol import ScanDecoder
 from host.messages import FloatArray, Scan
-from host.simulation.devices.x4 import X4Emulator
+from host.simulation.devices.x4 import X4Emulator, X4ProEmulator
 
 
 class Room:
@@ -145,3 +145,40 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
         lidar.receive(commands.SCAN, 0.0)
         streams.append(listen(lidar, 0.0, 1.0))
     assert streams[0] == streams[1]
+
+
+def test_packets_are_missing_whole_where_asked() -> None:
+    for switch, share in (("lost_share", 0.1), ("gaps", 0.2)):
+        lidar = X4Emulator(Room().sense, seed=5)
+        setattr(lidar, switch, 0.1 if switch == "lost_share" else (0.4, 2.0))
+        lidar.receive(commands.SCAN, 0.0)
+        decoder = ScanDecoder()
+        for when, data in listen(lidar, 0.0, 10.0):
+            decoder.feed(data, when)
+        assert decoder.counts["points"] == pytest.approx((1.0 - share) * 50_000, rel=0.04)
+        assert decoder.counts["bytes_skipped"] == 0
+
+
+def test_a_dead_laser_sends_packets_of_zeros_and_a_slow_motor_none_yet() -> None:
+    lidar = X4Emulator(Room().sense)
+    lidar.laser_fires = False
+    lidar.spin_up_s = 3.6
+    lidar.receive(commands.SCAN, 0.0)
+    assert replies(lidar, 0.0) == [ScanBegins()]
+    assert listen(lidar, 0.1, 3.5) == []
+    decoder, scans = ScanDecoder(), list[Scan]()
+    for when, data in listen(lidar, 3.6, 4.6):
+        scans += decoder.feed(data, when)
+    assert len(scans) >= 6
+    assert not any(scan.ranges.any() for scan in scans)
+
+
+def test_the_x4_pro_sends_unasked_and_answers_nothing() -> None:
+    lidar = X4ProEmulator(Room().sense)
+    for command in (commands.STOP, commands.INFO, commands.HEALTH):
+        lidar.receive(command, 0.0)
+    decoder = ScanDecoder()
+    for when, data in listen(lidar, 0.0, 1.0):
+        decoder.feed(data, when)
+    assert decoder.counts["packets"] > 100
+    assert decoder.take_replies() == []
