@@ -81,6 +81,6 @@ def _part(message: Bearings, chosen: BoolArray) -> Bearings:
     return dataclasses.replace(message, **kept)
 
 
-def _placed(eye: Camera) -> Camera:
+def _placed(camera: Camera) -> Camera:
     """What of a camera matters to bearings."""
-    return eye.model_copy(update={"source": "none", "rate_hz": 30.0})
+    return camera.model_copy(update={"source": "none", "rate_hz": 30.0})

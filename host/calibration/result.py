@@ -6,17 +6,25 @@ from typing import Any, Literal
 
 from host.messages import FloatArray
 
-_APART_SIGMAS, _APART_LIMITS = 6.0, 2.0  # beyond both, the halves of the data tell two stories
+_APART_SIGMAS, _APART_LIMITS = 6.0, 2.0  # beyond both, the halves of the data disagree
+SCREEN_UNITS = {"deg": 180.0 / math.pi, "mm": 1e3, "cm": 1e2, "ms": 1e3, "%": 1e2}
+"""How many of a unit of the screen make one SI unit; units that are not here are SI."""
+
+
+def distinct(value: float, bound: float) -> str:
+    """A value in four digits, or in as many more as show that it is not its bound."""
+    shown = (f"{value:.{digits}g}" for digits in range(4, 18))
+    return next((text for text in shown if text != f"{bound:.4g}"), f"{value}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
     """One number of the robot as it was fitted: a row of the report. SI units.
 
-    key: its name in robot.toml, as "lidar.heading_rad"; "" for what is told but not written.
+    key: its name in robot.toml, as "lidar.heading_rad"; "" for what is shown but not written.
     sigma: standard deviation, nan where unknown. limit: the largest sigma that will do, None: any.
     before: what was configured. halves: the same, fitted on each half of the data alone.
-    On the screen it is value * scale in `unit`.
+    unit: on the screen.
     """
 
     key: str
@@ -27,7 +35,11 @@ class Fitted:
     before: float | None = None
     halves: tuple[float, float] | None = None
     unit: str = ""
-    scale: float = 1.0
+
+    @property
+    def scale(self) -> float:
+        """What values are multiplied by on the screen."""
+        return SCREEN_UNITS.get(self.unit, 1.0)
 
     @property
     def failure(self) -> str:
@@ -35,10 +47,11 @@ class Fitted:
         if self.limit is None:
             return ""
         if not math.isfinite(self.sigma):
-            return f"{self.name} cannot be told from this drive"
+            return f"{self.name} is not observable in this drive"
         if self.sigma > self.limit:
+            known = distinct(self.sigma * self.scale, self.limit * self.scale)
             return (
-                f"{self.name} is known to {self.shown(self.sigma)} only, "
+                f"{self.name} is known to {f'{known} {self.unit}'.rstrip()} only, "
                 f"not to {self.shown(self.limit)}"
             )
         if self.halves is not None:
@@ -54,17 +67,47 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A condition on the data or on the fit as a whole.
+    """A condition on the data or on the fit as a whole; made by `at_least` or `at_most`.
 
-    value and threshold in `unit`, as the screen has them. advice: what to do where it fails.
+    value and bound in `unit`, as the screen has them. side: on which side of the bound the value
+    must be. advice: what to do where it fails. A value that is not a number fails.
     """
 
     name: str
     value: float
-    threshold: float
+    side: Literal["at least", "at most"]
+    bound: float
     unit: str
-    passed: bool
     advice: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value keeps to its bound."""
+        keeps = self.value >= self.bound if self.side == "at least" else self.value <= self.bound
+        return bool(keeps)
+
+
+def at_least(name: str, value: float, bound: float, unit: str, advice: str) -> Check:
+    """A check that a value, in SI, is not below its bound; shown in `unit`."""
+    return _check(name, value, "at least", bound, unit, advice)
+
+
+def at_most(name: str, value: float, bound: float, unit: str, advice: str) -> Check:
+    """A check that a value, in SI, is not above its bound; shown in `unit`."""
+    return _check(name, value, "at most", bound, unit, advice)
+
+
+def _check(
+    name: str,
+    value: float,
+    side: Literal["at least", "at most"],
+    bound: float,
+    unit: str,
+    advice: str,
+) -> Check:
+    scale = SCREEN_UNITS.get(unit.partition(" ")[0], 1.0)  # "mm rms" is in mm
+    value, bound = float(value) * scale, float(bound) * scale
+    return Check(name=name, value=value, side=side, bound=bound, unit=unit, advice=advice)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

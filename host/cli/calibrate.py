@@ -19,7 +19,7 @@ from host.errors import UserError
 from host.recording import optiodom
 
 if TYPE_CHECKING:
-    from host.calibration.wheels.calibrate import Drive
+    from host.calibration.wheels.model import Drive
 
 _OPTIODOM = "optiodom:"
 
@@ -65,7 +65,9 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
 
     SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
     """
-    from host.calibration.wheels import calibrate as fit
+    from host.calibration.wheels.calibrate import calibrate as fit_wheels
+    from host.calibration.wheels.drives import drives_of, wheels_advice
+    from host.calibration.wheels.unseen import apply_fit, score_unseen
 
     fitting = Fitting(**common)
     name = ", ".join(sources)
@@ -82,16 +84,17 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
                 )
             drives += more
     else:
-        name, gathered = fitting.gather(None, fit.advice, mounted=False)
-        drives = fit.drives_of(gathered)
+        name, gathered = fitting.gather(None, wheels_advice, mounted=False)
+        drives = drives_of(gathered)
         nominal, mocap = gathered.config.wheels, gathered.config.mocap
     unseen = {source: _drives(source, fitting.robot_path)[0] for source in tests}
-    calibration = fit.calibrate(drives, nominal, mocap)
+    calibration = fit_wheels(drives, nominal, mocap)
     if any(source.startswith(_OPTIODOM) for source in sources):  # the radii are in its counts
         counts = {"wheels.counts_per_turn": nominal.counts_per_turn}
         calibration = dataclasses.replace(calibration, settings=counts | calibration.settings)
-    fitted = fit.apply(calibration, nominal, mocap)
-    scores = [fit.score(source, read, (nominal, mocap), fitted) for source, read in unseen.items()]
+    fitted = apply_fit(calibration, nominal, mocap)
+    before = nominal, mocap
+    scores = [score_unseen(source, read, before, fitted) for source, read in unseen.items()]
     for score in scores:
         click.echo(
             f"{score['source']}: {1000 * score['nominal_end_error_m']:.1f} mm at the end with the "
@@ -102,14 +105,13 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
 
 def _drives(source: str, robot_path: Path | None) -> tuple["list[Drive]", Wheels, Mocap]:
     """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
-    from host.calibration.wheels import calibrate as fit
+    from host.calibration.wheels.drives import drive_of_run, drives_of
 
     if source.startswith(_OPTIODOM):
         runs = optiodom.read_runs(Path(source.removeprefix(_OPTIODOM)))
-        return [fit.drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
+        return [drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
     gathered = gathering.from_source(source, robot_path)
-    drives = fit.drives_of(gathered)
-    return drives, gathered.config.wheels, gathered.config.mocap
+    return drives_of(gathered), gathered.config.wheels, gathered.config.mocap
 
 
 @calibrate.command(
@@ -125,11 +127,12 @@ def lidar(source: str | None, **common: Any) -> None:
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
-    from host.calibration.lidar import calibrate as fit
+    from host.calibration.lidar.calibrate import calibrate as fit_lidar
+    from host.calibration.lidar.calibrate import lidar_advice
 
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, fit.advice)
-    fitting.conclude(fit.calibrate(gathered), name)
+    name, gathered = fitting.gather(source, lidar_advice)
+    fitting.conclude(fit_lidar(gathered), name)
 
 
 @calibrate.command(
@@ -150,12 +153,13 @@ def camera(
 
     SOURCE is a recording or a scenario; without it the robot drives now.
     """
-    from host.calibration.camera import calibrate as fit
+    from host.calibration.camera.calibrate import calibrate as fit_camera
+    from host.calibration.camera.calibrate import camera_advice
 
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, fit.advice, lidar_serves=True)
+    name, gathered = fitting.gather(source, camera_advice, lidar_serves=True)
     known = lenses(boards, board, gathered.config.camera)
-    fitting.conclude(fit.calibrate(gathered, known), name)
+    fitting.conclude(fit_camera(gathered, known), name)
 
 
 @calibrate.command(
@@ -172,8 +176,9 @@ def detection(source: str | None, **common: Any) -> None:
     SOURCE is a recording or a scenario; without it the robot drives now. Calibrate wheels, lidar
     and cameras first.
     """
-    from host.calibration.detection import calibrate as fit
+    from host.calibration.detection.calibrate import calibrate as fit_detection
+    from host.calibration.detection.verdict import detection_advice
 
     fitting = Fitting(**common)
-    name, gathered = fitting.gather(source, fit.advice)
-    fitting.conclude(fit.calibrate(gathered), name)
+    name, gathered = fitting.gather(source, detection_advice)
+    fitting.conclude(fit_detection(gathered), name)

@@ -110,8 +110,8 @@ class Fitting:
     ) -> tuple[str, Gathered]:
         """The data and their name: of a source, or of the devices where there is none.
 
-        mounted: whether the fit stands on how the tracked body lies on the robot; then it is told
-        where nobody has found that yet. lidar_serves: where there is no motion capture.
+        mounted: whether the fit stands on how the tracked body lies on the robot; then there is a
+        warning where nobody has found that yet. lidar_serves: where there is no motion capture.
         """
         if source is None:
             scenario, seconds, record = self._live
@@ -136,7 +136,7 @@ class Fitting:
             raise click.UsageError("--simulate, --seconds and --record are for a drive, not SOURCE")
 
     def conclude(self, calibration: Calibration, source: str, **more: Any) -> None:
-        """Tell the verdict, write report and figures, and robot.toml where the fit is good.
+        """Show the verdict, write report and figures, and robot.toml where the fit is good.
 
         Raises UserError where it is not, unless it was accepted beforehand.
         """
@@ -153,7 +153,7 @@ class Fitting:
             raise UserError(
                 f"the {calibration.kind} calibration is refused; nothing is written",
                 calibration.failures[0],
-                "mend what fails above, or write it nevertheless with --accept",
+                "fix the failed checks, or pass --accept",
             )
         if self.robot_path is None:
             click.echo("nothing is written: name your robot.toml with --robot")

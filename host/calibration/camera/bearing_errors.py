@@ -1,7 +1,7 @@
-"""How well calibrated cameras tell bearings, sector by sector, and which sectors have no views.
+"""How well calibrated cameras measure bearings, sector by sector, and which sectors have no views.
 
 Single values of a lens and its mounting say little: height and tilt, or focal length and k1, are
-told apart badly and need not be. What counts is the bearing that they give together.
+hardly separable and need not be. What counts is the bearing that they give together.
 """
 
 import math
@@ -12,7 +12,7 @@ import numpy as np
 
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import NAMES, STEPS, row_of
-from host.calibration.camera.pairs import EYES
+from host.calibration.camera.pairs import CAMERAS
 from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
@@ -25,14 +25,14 @@ _SURE = 2.0  # sigmas from which on a mean error is one of the model
 
 
 @dataclass(frozen=True, slots=True)
-class Sector:
-    """Some of the bearings that one eye shows: from `first_deg` to 15 deg more, robot frame.
+class BearingSector:
+    """Some of the bearings that one camera shows: from `first_deg` to 15 deg more, robot frame.
 
     pairs: that the fit used there. sigma_rad: predicted error of a bearing there, and what the
     pairs there are off together (of a lens that is not of the model's family).
     """
 
-    eye: str
+    camera: str
     first_deg: int
     pairs: int
     sigma_rad: float
@@ -62,35 +62,35 @@ def points_around(bearings: FloatArray, height_m: float) -> FloatArray:
     return np.stack((x, y, np.full_like(x, height_m)), axis=-1)
 
 
-def shown_sectors(eye: Camera, height_m: float) -> list[int]:
-    """First bearings (deg) of the sectors in whose middle an eye shows strips, at any range.
+def shown_sectors(camera: Camera, height_m: float) -> list[int]:
+    """First bearings (deg) of the sectors in whose middle a camera shows strips, at any range.
 
     What it shows more than 90 deg aside of its heading, in the picture's corners, is the other
-    eye's part.
+    camera's part.
     """
     firsts = np.arange(-180, 180, SECTOR_DEG)
     middles = np.radians(firsts + 0.5 * SECTOR_DEG)
     points = points_around(middles, height_m)
-    x, y = View(eye).pixels_of(points.reshape(-1, 3)).T
+    x, y = View(camera).pixels_of(points.reshape(-1, 3)).T
     with np.errstate(invalid="ignore"):
-        inside = (x >= 0.0) & (x < eye.width_px) & (y >= 0.0) & (y < eye.height_px)
+        inside = (x >= 0.0) & (x < camera.width_px) & (y >= 0.0) & (y < camera.height_px)
     inside = inside.reshape(len(firsts), -1).all(axis=1)
-    inside &= np.abs(wrap(middles - eye.heading_rad)) <= 0.5 * math.pi
+    inside &= np.abs(wrap(middles - camera.heading_rad)) <= 0.5 * math.pi
     kept: list[int] = firsts[inside].tolist()
     return kept
 
 
-def sectors(fit: CameraFit, number: int, camera: Cameras) -> list[Sector]:
-    """The sectors of one eye, as it is fitted (where it is not: as it is configured)."""
-    off = bearing_errors(fit.eyes[number], fit.pairs.at(fit.delay), fit.pairs.strips.pixels)
-    mine = fit.used & (fit.pairs.strips.eyes == number) & np.isfinite(off)
+def sectors_of(fit: CameraFit, number: int, cameras: Cameras) -> list[BearingSector]:
+    """The sectors of one camera, as it is fitted (where it is not: as it is configured)."""
+    off = bearing_errors(fit.cameras[number], fit.pairs.at(fit.delay), fit.pairs.strips.pixels)
+    mine = fit.used & (fit.pairs.strips.cameras == number) & np.isfinite(off)
     place = np.degrees(bearings_of(fit)[mine])
     off = off[mine]
     found = []
-    for first in shown_sectors(fit.eyes[number], camera.strip.height_m):
+    for first in shown_sectors(fit.cameras[number], cameras.strip.height_m):
         inside = (place >= first) & (place < first + SECTOR_DEG)
-        sigma = math.hypot(_predicted(fit, number, first, camera), _aside(off[inside]))
-        found.append(Sector(EYES[number], first, int(np.count_nonzero(inside)), sigma))
+        sigma = math.hypot(_predicted(fit, number, first, cameras), _aside(off[inside]))
+        found.append(BearingSector(CAMERAS[number], first, int(np.count_nonzero(inside)), sigma))
     return found
 
 
@@ -100,23 +100,23 @@ def bearings_of(fit: CameraFit) -> FloatArray:
     return np.asarray(np.arctan2(y, x))
 
 
-def bearing_errors(eye: Camera, points: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Bearings that `pixels` (n, 2) mean, less those of `points` (n, 3) from the eye: (n,) rad."""
-    x, y, _ = View(eye).directions_of(pixels).T
+def bearing_errors(camera: Camera, points: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Bearings (n,) rad that `pixels` (n, 2) mean, less those of `points` (n, 3)."""
+    x, y, _ = View(camera).directions_of(pixels).T
     return np.asarray(
-        wrap(np.arctan2(y, x) - np.arctan2(points[:, 1] - eye.y_m, points[:, 0] - eye.x_m))
+        wrap(np.arctan2(y, x) - np.arctan2(points[:, 1] - camera.y_m, points[:, 0] - camera.x_m))
     )
 
 
-def _predicted(fit: CameraFit, number: int, first: int, camera: Cameras) -> float:
+def _predicted(fit: CameraFit, number: int, first: int, cameras: Cameras) -> float:
     """Standard deviation (rad) of bearings in a sector, by the fit's covariance."""
     middle = np.radians(first + SECTOR_DEG * np.array([0.1, 0.5, 0.9]))
-    points = points_around(middle, camera.strip.height_m).reshape(-1, 3)
-    eye, row = fit.eyes[number], row_of(fit.values, number)
-    pixels = View(eye).pixels_of(points)
+    points = points_around(middle, cameras.strip.height_m).reshape(-1, 3)
+    camera, row = fit.cameras[number], row_of(fit.values, number)
+    pixels = View(camera).pixels_of(points)
     slopes = np.stack(
         [
-            bearing_errors(eye.model_copy(update={name: value + step}), points, pixels) / step
+            bearing_errors(camera.model_copy(update={name: value + step}), points, pixels) / step
             for name, value, step in zip(NAMES, row.tolist(), STEPS.tolist(), strict=True)
         ],
         axis=1,
@@ -138,13 +138,15 @@ def _aside(off: FloatArray) -> float:
     return max(0.0, abs(float(np.median(off))) - chance)
 
 
-def gaps(found: Sequence[Sector]) -> str:
-    """Where one eye has no views, in words; "" where it has all."""
+def sectors_without_views(found: Sequence[BearingSector]) -> str:
+    """Where one camera has no views, in words; "" where it has all."""
     empty = [sector for sector in found if sector.pairs < LEAST_VIEWS]
-    return f"{found[0].eye} camera has no views {in_words(empty, found)}" if empty else ""
+    return (
+        f"{found[0].camera} camera has no views {sectors_in_words(empty, found)}" if empty else ""
+    )
 
 
-def in_words(chosen: Sequence[Sector], found: Sequence[Sector]) -> str:
+def sectors_in_words(chosen: Sequence[BearingSector], found: Sequence[BearingSector]) -> str:
     """Such as "from 30 to 60 deg left, beyond 110 deg right", of some of the sectors `found`."""
     words = []
     for side, left in (("left", True), ("right", False)):
@@ -163,14 +165,14 @@ def in_words(chosen: Sequence[Sector], found: Sequence[Sector]) -> str:
 
 
 def difference(
-    one: CameraFit, other: CameraFit, number: int, chosen: Sequence[Sector], height_m: float
+    one: CameraFit, other: CameraFit, number: int, chosen: Sequence[BearingSector], height_m: float
 ) -> FloatArray:
-    """Differences (n,) rad of the bearings that two fits of one eye give to the same pixels."""
+    """Differences (n,) rad of the bearings that two fits of one camera give to the same pixels."""
     if not chosen:
         return np.zeros(0)
     middles = np.radians([sector.first_deg + 0.5 * SECTOR_DEG for sector in chosen])
     points = points_around(middles, height_m).reshape(-1, 3)
-    pixels = View(one.eyes[number]).pixels_of(points)
-    off = bearing_errors(other.eyes[number], points, pixels)
+    pixels = View(one.cameras[number]).pixels_of(points)
+    off = bearing_errors(other.cameras[number], points, pixels)
     known: BoolArray = np.isfinite(off)
     return off[known]

@@ -8,20 +8,21 @@ import numpy as np
 
 from host.calibration.camera.bearing_errors import (
     SECTOR_DEG,
-    Sector,
+    BearingSector,
     bearing_errors,
-    gaps,
-    sectors,
+    sectors_of,
+    sectors_without_views,
     shown_sectors,
 )
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraFit, CameraProblem
 from host.calibration.camera.model import LENS_NAMES, NAMES
-from host.calibration.camera.pairs import EYES, Captured, reference_of, strips_of
+from host.calibration.camera.pairs import CAMERAS, Captured, reference_of, strips_of
 from host.calibration.camera.pictures import pictures
 from host.calibration.camera.verdict import Halves, verdict
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted
+from host.calibration.robust.statistics import normal_sigma
 from host.calibration.robust.time_offset import scan
 from host.config import Camera
 from host.errors import UserError
@@ -30,34 +31,33 @@ from host.messages import FloatArray
 
 _CURVE_S, _CURVE_STEP_S = 0.2, 0.02  # around the delay found
 _LEAST_NOISE_RAD = 0.001
-_ENOUGH_STRIPS, _ENOUGH_TURN_RAD = 200, 1.5  # to drive on for; the turn each way
+_ENOUGH_STRIPS, _ENOUGH_ROTATION_RAD = 200, 1.5  # to drive on for; the rotation each way
 _NEAR_M, _FAR_M = 0.8, 1.5
-_NORMAL_MEDIAN = 0.6745  # of an error's size, in standard deviations
 _LABELS = {
-    "focal_px": ("focal length", "px", 1.0),
-    "centre_x_px": ("centre x", "px", 1.0),
-    "centre_y_px": ("centre y", "px", 1.0),
-    "k1": ("k1", "", 1.0),
-    "k2": ("k2", "", 1.0),
-    "heading_rad": ("heading", "deg", math.degrees(1.0)),
-    "tilt_rad": ("tilt", "deg", math.degrees(1.0)),
-    "roll_rad": ("roll", "deg", math.degrees(1.0)),
-    "x_m": ("place x", "mm", 1000.0),
-    "y_m": ("place y", "mm", 1000.0),
-    "z_m": ("height", "mm", 1000.0),
+    "focal_px": ("focal length", "px"),
+    "centre_x_px": ("centre x", "px"),
+    "centre_y_px": ("centre y", "px"),
+    "k1": ("k1", ""),
+    "k2": ("k2", ""),
+    "heading_rad": ("heading", "deg"),
+    "tilt_rad": ("tilt", "deg"),
+    "roll_rad": ("roll", "deg"),
+    "x_m": ("place x", "mm"),
+    "y_m": ("place y", "mm"),
+    "z_m": ("height", "mm"),
 }
 
 
 def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -> Calibration:
     """Fit both cameras and their delay against motion capture, or the lidar where there is none.
 
-    lenses: of the eyes ("front", "rear") whose lens is known by checkerboards; it is held, and the
-    mounting alone is fitted. Raises UserError where nothing at all can be fitted.
+    lenses: of the cameras ("front", "rear") whose lens is known by checkerboards; it is held, and
+    the mounting alone is fitted. Raises UserError where nothing at all can be fitted.
     """
-    camera = gathered.config.camera
-    known = {name: lens.eye for name, lens in (lenses or {}).items()}
+    cameras = gathered.config.camera
+    known = {name: lens.camera for name, lens in (lenses or {}).items()}
     reference = reference_of(gathered)
-    problem = CameraProblem(strips_of(gathered), reference, camera, known)
+    problem = CameraProblem(strips_of(gathered), reference, cameras, known)
     fit = problem.fit()
     if not any(fit.fitted):
         raise UserError(
@@ -71,11 +71,11 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     before = times < np.median(times[fit.used])
     parts = problem.again(fit, before), problem.again(fit, ~before)
     halves = (parts[0], parts[1]) if parts[0] is not None and parts[1] is not None else None
-    numbers = [n for n, name in enumerate(EYES) if fit.fitted[n] or _exists(gathered, name)]
-    table = {n: sectors(fit, n, camera) for n in numbers}
+    numbers = [n for n, name in enumerate(CAMERAS) if fit.fitted[n] or _exists(gathered, name)]
+    table = {n: sectors_of(fit, n, cameras) for n in numbers}
     curve = scan(
         lambda delay: problem.cost_at(fit, delay),
-        max(fit.delay - _CURVE_S, -camera.delay_s),
+        max(fit.delay - _CURVE_S, -cameras.delay_s),
         fit.delay + _CURVE_S,
         _CURVE_STEP_S,
     )
@@ -83,37 +83,41 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     return Calibration(
         kind="camera",
         fitted=_rows(gathered, fit, halves, known, off),
-        checks=verdict(camera, fit, halves, table),
+        checks=verdict(cameras, fit, halves, table),
         residuals=(
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
         pictures=pictures(gathered, fit, table, curve),
-        settings={f"camera.{EYES[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
+        settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )
 
 
-def advice(gathered: Gathered) -> list[str]:
+def camera_advice(gathered: Gathered) -> list[str]:
     """What is still missing while the robot drives; empty when enough.
 
     By the bearings that the present configuration gives, which is near enough for this.
     """
     config = gathered.config
-    messages = [b for b in gathered.bearings if b.pixels is not None and b.camera in EYES]
+    messages = [b for b in gathered.bearings if b.pixels is not None and b.camera in CAMERAS]
     count = sum(len(b.bearings) for b in messages)
     missing = []
     if count < _ENOUGH_STRIPS:
         missing.append(f"drive on: {count} strips were seen so far, {_ENOUGH_STRIPS} are needed")
-    for name in EYES:
+    for name in CAMERAS:
         if _exists(gathered, name):
-            eye: Camera = getattr(config.camera, name)
+            camera: Camera = getattr(config.camera, name)
             seen = [b.bearings for b in messages if b.camera == name]
             place = np.degrees(wrap(np.concatenate([*seen, np.zeros(0)])))
-            shown = shown_sectors(eye, config.camera.strip.height_m)
+            shown = shown_sectors(camera, config.camera.strip.height_m)
             hits = [int(np.count_nonzero((place >= s) & (place < s + SECTOR_DEG))) for s in shown]
-            found = [Sector(name, s, n, math.nan) for s, n in zip(shown, hits, strict=True)]
-            missing += [f"{words}: bring a teammate there" for words in [gaps(found)] if words]
+            found = [BearingSector(name, s, n, math.nan) for s, n in zip(shown, hits, strict=True)]
+            missing += [
+                f"{words}: bring a teammate there"
+                for words in [sectors_without_views(found)]
+                if words
+            ]
     ranges = np.concatenate([b.ranges for b in messages if b.ranges is not None] + [np.zeros(0)])
     if len(ranges) and not (ranges < _NEAR_M).any():
         missing.append(f"go nearer to a teammate than {_NEAR_M} m")
@@ -121,24 +125,24 @@ def advice(gathered: Gathered) -> list[str]:
         missing.append(f"go farther from a teammate than {_FAR_M} m")
     turns = np.array([d.dpsi for d in gathered.displacements] or [0.0])
     for way, total in (("left", turns[turns > 0.0].sum()), ("right", -turns[turns < 0.0].sum())):
-        if gathered.displacements and total < _ENOUGH_TURN_RAD:
-            missing.append(f"turn more to the {way}: {math.degrees(total):.0f} deg so far")
+        if gathered.displacements and total < _ENOUGH_ROTATION_RAD:
+            missing.append(f"rotate more to the {way}: {math.degrees(total):.0f} deg so far")
     return missing
 
 
 def _exists(gathered: Gathered, name: str) -> bool:
     """Whether the robot has this camera: it is configured, or something came from it."""
-    eye: Camera = getattr(gathered.config.camera, name)
-    return eye.source != "none" or any(b.camera == name for b in gathered.bearings)
+    camera: Camera = getattr(gathered.config.camera, name)
+    return camera.source != "none" or any(b.camera == name for b in gathered.bearings)
 
 
 def _used_errors(fit: CameraFit) -> FloatArray:
     """Errors of the bearings (n,) rad of the pairs that the fit rests upon."""
     parts = []
     points, strips = fit.pairs.at(fit.delay), fit.pairs.strips
-    for number, eye in enumerate(fit.eyes):
-        mine = fit.used & (strips.eyes == number)
-        parts.append(bearing_errors(eye, points[mine], strips.pixels[mine]))
+    for number, camera in enumerate(fit.cameras):
+        mine = fit.used & (strips.cameras == number)
+        parts.append(bearing_errors(camera, points[mine], strips.pixels[mine]))
     off = np.concatenate(parts)
     kept: FloatArray = off[np.isfinite(off)]
     return kept
@@ -151,56 +155,53 @@ def _rows(
     known: Mapping[str, Camera],
     off: FloatArray,
 ) -> tuple[Fitted, ...]:
-    camera = gathered.config.camera
+    cameras = gathered.config.camera
     sigmas = np.sqrt(np.diag(fit.covariance))
     rows = []
-    for place in range(len(NAMES) * len(EYES)):
+    for place in range(len(NAMES) * len(CAMERAS)):
         number, k = divmod(place, len(NAMES))
-        eye, name = EYES[number], NAMES[k]
+        camera, name = CAMERAS[number], NAMES[k]
         if not fit.fitted[number]:
             continue
-        label, unit, scale = _LABELS[name]
-        held = eye in known and k < LENS_NAMES
-        value = float(getattr(fit.eyes[number], name))
+        label, unit = _LABELS[name]
+        held = camera in known and k < LENS_NAMES
+        value = float(getattr(fit.cameras[number], name))
         apart = [float(half.values[place] - fit.values[place]) for half in halves or ()]
         rows.append(
             Fitted(
-                key=f"camera.{eye}.{name}",
-                name=f"{eye} camera: {label}",
+                key=f"camera.{camera}.{name}",
+                name=f"{camera} camera: {label}",
                 value=value,
                 sigma=math.nan if held else float(sigmas[place]),
-                before=float(getattr(getattr(camera, eye), name)),
+                before=float(getattr(getattr(cameras, camera), name)),
                 halves=(value + apart[0], value + apart[1]) if apart and not held else None,
                 unit=unit,
-                scale=scale,
             )
         )
-    total = [camera.delay_s + part.delay for part in (fit, *(halves or ()))]
-    noise = max(float(np.median(np.abs(off))) / _NORMAL_MEDIAN, _LEAST_NOISE_RAD)
+    total = [cameras.delay_s + part.delay for part in (fit, *(halves or ()))]
+    noise = max(normal_sigma(off), _LEAST_NOISE_RAD)
     delay = Fitted(
         key="camera.delay_s",
         name="delay of the cameras",
         value=max(total[0], 0.0),
         sigma=float(sigmas[-1]),
-        before=camera.delay_s,
+        before=cameras.delay_s,
         halves=(total[1], total[2]) if halves else None,
         unit="ms",
-        scale=1000.0,
     )
     spread = Fitted(
         key="",  # the fit of detection writes it
         name="noise of a bearing",
         value=noise,
         sigma=noise / math.sqrt(2.0 * max(len(off), 1)),
-        before=camera.bearing_noise_rad,
+        before=cameras.bearing_noise_rad,
         unit="deg",
-        scale=math.degrees(1.0),
     )
     return (*rows, delay, spread)
 
 
 def _figures(
-    fit: CameraFit, off: FloatArray, table: Mapping[int, list[Sector]], captured: bool
+    fit: CameraFit, off: FloatArray, table: Mapping[int, list[BearingSector]], captured: bool
 ) -> dict[str, object]:
     return {
         "reference": "motion capture" if captured else "lidar",
@@ -210,7 +211,7 @@ def _figures(
         "sectors": [
             {
                 **dataclasses.asdict(sector),
-                "name": f"{sector.eye} camera, {sector.name}",
+                "name": f"{sector.camera} camera, {sector.name}",
                 "sigma_deg": math.degrees(sector.sigma_rad),
             }
             for found in table.values()

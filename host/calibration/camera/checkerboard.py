@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from host.calibration.robust.statistics import plane_sigma
 from host.config import Camera
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
@@ -26,7 +27,6 @@ _LEAST_VIEWS, _LEAST_CORNERS = 3, 8
 _START_WIDTHS = np.geomspace(0.15, 1.2, 13)  # focal lengths tried first, in widths of the picture
 _SOFT_PX = 0.5  # the first fit trusts corners less from this error on
 _OUTLIER_SIGMAS, _OUTLIER_PX = 6.0, 2.0  # a corner beyond both was not where it was taken to be
-_RAYLEIGH_MEDIAN = 1.1774  # of the error's length, in standard deviations of one coordinate
 _MOST_STEPS, _STEP = 100, 1e-7
 _WRONG_PX = 5.0  # no lens of this model explains the corners
 
@@ -45,13 +45,13 @@ class BoardView:
 class LensFit:
     """A fitted equidistant lens.
 
-    eye: the given one with the fitted focal length, centre, k1 and k2. poses (v, 6): of the board
-    in each view, as rotation vector (rad) and translation (m), board → camera frame. errors: for
-    each view (n, 2) px, drawn minus seen. used: for each view (n,), False for corners left out.
+    camera: the given one with the fitted focal length, centre, k1 and k2. poses (v, 6): of the
+    board in each view, as rotation vector (rad) and translation (m), board → camera frame. errors:
+    for each view (n, 2) px, drawn minus seen. used: for each view (n,), False for corners left out.
     angles: for each view (n,) rad, how far off the axis the corners were.
     """
 
-    eye: Camera
+    camera: Camera
     poses: FloatArray
     errors: tuple[FloatArray, ...]
     used: tuple[BoolArray, ...]
@@ -86,24 +86,23 @@ def board_corners(columns: int, rows: int, square_m: float) -> FloatArray:
     return square_m * np.stack((x.ravel(), y.ravel()), axis=1).astype(float)
 
 
-def fit_lens(views: Sequence[BoardView], eye: Camera) -> LensFit:
-    """Fit the lens of the camera `eye`, of which only the picture's size is trusted.
+def fit_lens(views: Sequence[BoardView], camera: Camera) -> LensFit:
+    """Fit the lens of `camera`, of which only the picture's size is trusted.
 
     A corner is left out if the robust first fit misses it by more than 2 px and by more than 6
-    times the spread of all. Raises UserError where the views cannot tell a lens.
+    times the spread of all. Raises UserError where the views do not determine a lens.
     """
     _check(views)
     corners = _Corners(views)
-    start = _start(corners, views, eye)
+    start = _start(corners, views, camera)
     rough = corners.solve(start, np.full(len(corners.seen), True), "soft_l1")
     miss = np.hypot(*corners.errors(rough).T)
     if np.median(miss) > _WRONG_PX:
         raise _not_a_lens(f"the best lens misses half of the corners by {np.median(miss):.0f} px")
-    spread = float(np.median(miss)) / _RAYLEIGH_MEDIAN
-    used = miss <= max(_OUTLIER_PX, _OUTLIER_SIGMAS * spread)
+    used = miss <= max(_OUTLIER_PX, _OUTLIER_SIGMAS * plane_sigma(miss))
     fitted = corners.solve(rough, used, "linear")
     fit = LensFit(
-        _eye_of(fitted, eye),
+        _camera_of(fitted, camera),
         fitted[5:].reshape(-1, 6),
         corners.by_view(corners.errors(fitted)),
         corners.by_view(used),
@@ -111,7 +110,7 @@ def fit_lens(views: Sequence[BoardView], eye: Camera) -> LensFit:
     )
     if fit.rms_px > _WRONG_PX:
         raise _not_a_lens(f"the best lens misses the corners by {fit.rms_px:.1f} px")
-    if equidistant_limit(fit.eye.k1, fit.eye.k2) < fit.reach_rad:
+    if equidistant_limit(fit.camera.k1, fit.camera.k2) < fit.reach_rad:
         raise _not_a_lens("the best lens draws the outermost corners twice")
     return fit
 
@@ -156,8 +155,8 @@ class _Corners:
         """Pixels (n, 2) of the corners and their angles off the axis (n,)."""
         focal, centre, (k1, k2) = values[0], values[1:3], values[3:5]
         poses = values[5:].reshape(-1, 6)
-        turns = Rotation.from_rotvec(poses[:, :3]).as_matrix()[self._owner]
-        rays = np.einsum("nij,nj->ni", turns[:, :, :2], self.board) + poses[self._owner, 3:]
+        rotating = Rotation.from_rotvec(poses[:, :3]).as_matrix()[self._owner]
+        rays = np.einsum("nij,nj->ni", rotating[:, :, :2], self.board) + poses[self._owner, 3:]
         across = np.hypot(rays[:, 0], rays[:, 1])
         angles = np.arctan2(across, rays[:, 2])
         # A fit passes lenses that fold back on its way: no limit, and so no nan, is set here.
@@ -208,12 +207,12 @@ class _Corners:
         return np.asarray(found.x)
 
 
-def _start(corners: _Corners, views: Sequence[BoardView], eye: Camera) -> FloatArray:
+def _start(corners: _Corners, views: Sequence[BoardView], camera: Camera) -> FloatArray:
     """Values to begin with: the plain lens, of many focal lengths, that explains the views best."""
-    middle = (0.5 * (eye.width_px - 1), 0.5 * (eye.height_px - 1))
+    middle = (0.5 * (camera.width_px - 1), 0.5 * (camera.height_px - 1))
     best, best_miss = None, math.inf
-    for focal in _START_WIDTHS * eye.width_px:
-        lens = Lens(_plain(eye, focal, middle))
+    for focal in _START_WIDTHS * camera.width_px:
+        lens = Lens(_plain(camera, focal, middle))
         poses = [_pose(view.board, lens.unproject(view.pixels)) for view in views]
         values = np.concatenate(([focal, *middle, 0.0, 0.0], *poses))
         if not np.isfinite(values).all():
@@ -226,15 +225,15 @@ def _start(corners: _Corners, views: Sequence[BoardView], eye: Camera) -> FloatA
     return best
 
 
-def _plain(eye: Camera, focal: float, centre: tuple[float, float]) -> Camera:
+def _plain(camera: Camera, focal: float, centre: tuple[float, float]) -> Camera:
     changes = {"lens": "equidistant", "focal_px": float(focal), "k1": 0.0, "k2": 0.0}
     changes |= {"centre_x_px": centre[0], "centre_y_px": centre[1]}
-    return eye.model_copy(update=changes)
+    return camera.model_copy(update=changes)
 
 
-def _eye_of(values: FloatArray, eye: Camera) -> Camera:
+def _camera_of(values: FloatArray, camera: Camera) -> Camera:
     focal, x, y, k1, k2 = (float(value) for value in values[:5])
-    settings = _plain(eye, focal, (x, y)).model_dump() | {"k1": k1, "k2": k2}
+    settings = _plain(camera, focal, (x, y)).model_dump() | {"k1": k1, "k2": k2}
     try:
         return Camera.model_validate(settings)
     except ValidationError as error:
@@ -269,5 +268,5 @@ def _pose(board: FloatArray, rays: FloatArray) -> FloatArray:
     )
     u, _, v = np.linalg.svd(homography[:, :2], full_matrices=False)
     first, second = (u @ v).T
-    turn = np.column_stack((first, second, np.cross(first, second)))
-    return np.concatenate((Rotation.from_matrix(turn).as_rotvec(), homography[:, 2]))
+    rotating = np.column_stack((first, second, np.cross(first, second)))
+    return np.concatenate((Rotation.from_matrix(rotating).as_rotvec(), homography[:, 2]))

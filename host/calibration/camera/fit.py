@@ -1,9 +1,9 @@
 """Pixels of strips and true places of teammates → lenses, mountings and the cameras' delay.
 
-Whose strip a pixel is, and whether it is one at all, nobody tells: each is taken for the teammate
+Whose strip a pixel is, and whether it is one at all, is unknown: each is taken for the teammate
 that would be drawn nearest, within a bound that shrinks as the fit gets better. Both cameras are
-fitted at once, for they share one delay. What the pairs cannot tell is held near what was
-configured; the covariance knows of it.
+fitted at once, for they share one delay. What is not observable is held near what was configured,
+by a prior that the covariance includes.
 """
 
 import math
@@ -17,15 +17,22 @@ from host.calibration.camera.model import (
     LENS_NAMES,
     NAMES,
     Pairs,
+    camera_of,
     draw,
     equidistant,
     errors,
-    eye_of,
     row_of,
     slopes,
 )
-from host.calibration.camera.pairs import EYES, LEAST_PAIRS, Reference, Strips
+from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, Strips
 from host.calibration.camera.search import likely_starts
+from host.calibration.robust.statistics import (
+    bent_factor,
+    block_sums,
+    blocks_of,
+    plane_sigma,
+    sandwich,
+)
 from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
@@ -39,7 +46,6 @@ _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
 _GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
-_RAYLEIGH_MEDIAN = 1.1774  # of an error's length, in standard deviations of one coordinate
 _BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
@@ -47,10 +53,10 @@ _BLOCK_S = 2.0  # errors nearer in time are not independent
 class CameraFit:
     """Both cameras as fitted.
 
-    values (23,): those named by NAMES for each of EYES, then the delay found (s). covariance
+    values (23,): those named by NAMES for each of CAMERAS, then the delay found (s). covariance
     (23, 23). used (n,): pairs that the fit rests upon. noise: what errors are, in units of the
-    pairs' sigmas. errors (n, 2) px: drawn minus seen. eyes: what the values say. fitted (2,):
-    whether an eye had enough pairs; one that had not is as it was.
+    pairs' sigmas. errors (n, 2) px: drawn minus seen. cameras: what the values say. fitted (2,):
+    whether a camera had enough pairs; one that had not is as it was.
     """
 
     values: FloatArray
@@ -59,7 +65,7 @@ class CameraFit:
     used: BoolArray
     noise: float
     errors: FloatArray
-    eyes: tuple[Camera, Camera]
+    cameras: tuple[Camera, Camera]
     fitted: tuple[bool, bool]
 
     @property
@@ -71,41 +77,41 @@ class CameraFit:
 class CameraProblem:
     """Strips, a reference for them and what is configured: all that a fit needs.
 
-    lenses: eyes whose lens (focal length, centre, k1, k2) is known already, and held.
+    lenses: cameras whose lens (focal length, centre, k1, k2) is known already, and held.
     """
 
     def __init__(
-        self, strips: Strips, reference: Reference, camera: Cameras, lenses: Mapping[str, Camera]
+        self, strips: Strips, reference: Reference, cameras: Cameras, lenses: Mapping[str, Camera]
     ) -> None:
-        self.strips, self.camera, self._lenses = strips, camera, lenses
+        self.strips, self.cameras, self._lenses = strips, cameras, lenses
         self._reference = reference
-        eyes = [lenses.get(name, equidistant(getattr(camera, name))) for name in EYES]
+        lenses_of = [lenses.get(name, equidistant(getattr(cameras, name))) for name in CAMERAS]
         # Where it is mounted says the configuration alone.
-        mounted = [getattr(camera, name) for name in EYES]
+        mounted = [getattr(cameras, name) for name in CAMERAS]
         rows = [
             [getattr(lens if k < LENS_NAMES else mount, name) for k, name in enumerate(NAMES)]
-            for lens, mount in zip(eyes, mounted, strict=True)
+            for lens, mount in zip(lenses_of, mounted, strict=True)
         ]
         self._mean = np.array([*rows[0], *rows[1], 0.0])
         self._spread = np.concatenate((_PRIOR, _PRIOR, [_PRIOR_DELAY_S]))
         self._free = np.full(len(self._mean), True)
-        for number, name in enumerate(EYES):
+        for number, name in enumerate(CAMERAS):
             if name in lenses:
                 self._free[len(NAMES) * number :][:LENS_NAMES] = False
 
     def fit(self) -> CameraFit:
         """Search, then refine from the two likeliest delays; the fit that explains more."""
-        lenses_known = tuple(name in self._lenses for name in EYES)
-        starts = likely_starts(self.strips, self._reference, self.camera, self._mean, lenses_known)
+        lenses_known = tuple(name in self._lenses for name in CAMERAS)
+        starts = likely_starts(self.strips, self._reference, self.cameras, self._mean, lenses_known)
         found = [self._refine(start, _GATES) for start in starts]
         return min(found, key=lambda fit: self.cost(fit.values, fit.pairs))
 
     def again(self, start: CameraFit, chosen: BoolArray) -> CameraFit | None:
         """The fit of the `chosen` (n,) strips alone, from another's result; None: too few."""
         strips = Strips(
-            self.strips.times[chosen], self.strips.eyes[chosen], self.strips.pixels[chosen]
+            self.strips.times[chosen], self.strips.cameras[chosen], self.strips.pixels[chosen]
         )
-        part = CameraProblem(strips, self._reference, self.camera, self._lenses)
+        part = CameraProblem(strips, self._reference, self.cameras, self._lenses)
         fit = part._refine(start.values, _GATES[-2:])
         return fit if fit.fitted == start.fitted else None
 
@@ -131,11 +137,11 @@ class CameraProblem:
         times, delay = self.strips.times - values[-1], float(values[-1])
         places = self._reference.positions(times)
         count, width = places.shape[:2]
-        height = np.full((count, width, 1), self.camera.strip.height_m)
+        height = np.full((count, width, 1), self.cameras.strip.height_m)
         points = np.concatenate((places, height), axis=2)
         off = np.full((count, width), math.inf)
-        for number in range(len(EYES)):
-            mine = self.strips.eyes == number
+        for number in range(len(CAMERAS)):
+            mine = self.strips.cameras == number
             drawn = self._in_view(values, number, points[mine].reshape(-1, 3))
             gap = drawn.reshape(-1, width, 2) - self.strips.pixels[mine][:, None]
             miss = np.hypot(gap[..., 0], gap[..., 1])
@@ -155,24 +161,24 @@ class CameraProblem:
         return Pairs(self.strips, chosen, speed, self._sigmas(values, chosen), paired, delay)
 
     def _in_view(self, values: FloatArray, number: int, points: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3); nan for what one eye cannot show."""
-        eye = eye_of(values, number, self.camera)
+        """Pixels (n, 2) of points (n, 3); nan for what one camera cannot show."""
+        camera = camera_of(values, number, self.cameras)
         pixels, angles = draw(row_of(values, number), points)
         x, y = pixels.T
-        shown = (angles < min(_FARTHEST_RAD, Lens(eye).limit_rad)) & (x > -_MARGIN_PX)
-        shown &= (x < eye.width_px + _MARGIN_PX) & (y > -_MARGIN_PX)
-        shown &= y < eye.height_px + _MARGIN_PX
+        shown = (angles < min(_FARTHEST_RAD, Lens(camera).limit_rad)) & (x > -_MARGIN_PX)
+        shown &= (x < camera.width_px + _MARGIN_PX) & (y > -_MARGIN_PX)
+        shown &= y < camera.height_px + _MARGIN_PX
         return np.asarray(np.where(shown[:, None], pixels, math.nan))
 
     def _sigmas(self, values: FloatArray, points: FloatArray) -> FloatArray:
-        rows = values[:-1].reshape(len(EYES), -1)[self.strips.eyes]
+        rows = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras]
         distance = np.linalg.norm(points - rows[:, 8:11], axis=1)
         return np.asarray(
             np.hypot(1.0, rows[:, 0] * self._reference.noise_m / np.maximum(distance, 0.1))
         )
 
     def _refine(self, values: FloatArray, gates: tuple[float, ...]) -> CameraFit:
-        free, values = self._free, values.copy()  # an eye's values may be put back, below
+        free, values = self._free, values.copy()  # a camera's values may be put back, below
         for gate in gates:
             for _ in range(_ROUNDS):
                 pairs = self.pair(values)
@@ -187,19 +193,19 @@ class CameraProblem:
             free = self._known(used)
             values = self._solve(values, pairs, used / noise, free, 4)
             noise = self._noise(values, pairs, used, free) if used.any() else noise
-        # What an eye without pairs enough went through on the way is worth nothing.
-        fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(EYES))]
+        # What a camera without pairs enough went through on the way is worth nothing.
+        fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(CAMERAS))]
         for number, enough in enumerate(fitted):
             if not enough:
                 row_of(values, number)[:] = row_of(self._mean, number)
-        used &= np.array(fitted)[self.strips.eyes]
+        used &= np.array(fitted)[self.strips.cameras]
         return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
 
     def _known(self, paired: BoolArray) -> BoolArray:
-        """Which values to fit: those of eyes with pairs enough."""
+        """Which values to fit: those of cameras with pairs enough."""
         free = self._free.copy()
-        for number in range(len(EYES)):
-            if np.count_nonzero(paired & (self.strips.eyes == number)) < LEAST_PAIRS:
+        for number in range(len(CAMERAS)):
+            if np.count_nonzero(paired & (self.strips.cameras == number)) < LEAST_PAIRS:
                 free[len(NAMES) * number :][: len(NAMES)] = False
         return free
 
@@ -214,8 +220,7 @@ class CameraProblem:
         off = np.hypot(*errors(values, pairs)[used].T) / pairs.sigmas[used]
         # Each value fitted takes a little of the noise with it.
         left = max(2.0 * len(off) - np.count_nonzero(free), 0.5 * len(off)) / (2.0 * len(off))
-        robust = float(np.median(off)) / _RAYLEIGH_MEDIAN
-        return max(robust / math.sqrt(left), _LEAST_NOISE)
+        return max(plane_sigma(off) / math.sqrt(left), _LEAST_NOISE)
 
     def _solve(
         self, start: FloatArray, pairs: Pairs, weights: FloatArray, free: BoolArray, steps: int
@@ -262,8 +267,8 @@ class CameraProblem:
             prior = np.diag(self._spread[free] ** -2.0)
             inverse = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + prior)
             meat = _scatter(self.strips.times[used], gains, inverse)
-            covariance[np.ix_(free, free)] = inverse @ (meat + prior) @ inverse
-        first, second = (eye_of(values, number, self.camera) for number in range(len(EYES)))
+            covariance[np.ix_(free, free)] = sandwich(inverse, meat + prior)
+        first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
         return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
 
 
@@ -271,14 +276,11 @@ def _scatter(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> Float
     """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
 
     gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by
-    pair (White 1980), times the factor by which sums over blocks of time (Liang and Zeger 1986)
-    scatter more: a drive has not blocks enough to tell the latter for each value.
+    pair, times the factor by which sums over blocks of time scatter more: a drive has too few
+    blocks for their scatter value by value.
     """
-    blocks = np.unique(np.floor((times - times[0]) / _BLOCK_S), return_inverse=True)[1]
-    sums = np.zeros((int(blocks.max()) + 1, gains.shape[1]))
-    np.add.at(sums, blocks, gains)
-    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * len(sums) / max(len(sums) - 1, 1)
+    sums = block_sums(gains, blocks_of(times - times[0], _BLOCK_S))
+    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
     alone = np.einsum("ni,ij,nj->", gains, inverse, gains)
     factor = max(1.0, float(together) / max(float(alone), 1e-12))
-    count, fitted = 2 * len(gains), gains.shape[1]
-    return np.asarray(factor * count / max(count - fitted, 0.5 * count) * gains.T @ gains)
+    return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

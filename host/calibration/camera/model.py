@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.camera.pairs import EYES, Strips
+from host.calibration.camera.pairs import CAMERAS, Strips
 from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import equidistant_radius, mounting_rotation
@@ -40,25 +40,27 @@ class Pairs:
         return self.points - (delay - self.delay) * self.velocities
 
 
-def equidistant(eye: Camera) -> Camera:
-    """An eye whose lens is "equidistant", and draws 90 deg off the axis where the given one does.
+def equidistant(camera: Camera) -> Camera:
+    """A camera whose lens is "equidistant", and draws 90 deg off the axis where the given one does.
 
     The fit knows no other lens.
     """
-    if eye.lens == "equidistant":
-        return eye
-    focal = eye.focal_px / (0.5 * math.pi)
-    return eye.model_copy(update={"lens": "equidistant", "focal_px": focal, "k1": 0.0, "k2": 0.0})
+    if camera.lens == "equidistant":
+        return camera
+    focal = camera.focal_px / (0.5 * math.pi)
+    return camera.model_copy(
+        update={"lens": "equidistant", "focal_px": focal, "k1": 0.0, "k2": 0.0}
+    )
 
 
 def row_of(values: FloatArray, number: int) -> FloatArray:
-    """One eye's values (11,) of those of a fit (23,)."""
+    """One camera's values (11,) of those of a fit (23,)."""
     return values[len(NAMES) * number :][: len(NAMES)]
 
 
-def eye_of(values: FloatArray, number: int, camera: Cameras) -> Camera:
-    """An eye as the values (23,) of a fit have it; what these do not hold is as in `camera`."""
-    configured: Camera = getattr(camera, EYES[number])
+def camera_of(values: FloatArray, number: int, cameras: Cameras) -> Camera:
+    """A camera as the values (23,) of a fit have it; what these do not hold is as in `camera`."""
+    configured: Camera = getattr(cameras, CAMERAS[number])
     row = dict(zip(NAMES, row_of(values, number).tolist(), strict=True))
     # A fit may go round past the rear.
     row["heading_rad"] = math.remainder(row["heading_rad"], math.tau)
@@ -66,7 +68,7 @@ def eye_of(values: FloatArray, number: int, camera: Cameras) -> Camera:
 
 
 def draw(values: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) of points (n, 3) m by one eye's values (11,); angles (n,) rad off its axis.
+    """Pixels (n, 2) of points (n, 3) m by one camera's values (11,); angles (n,) rad off its axis.
 
     As `lens.View` does, but for lenses that fold back too: a fit passes them on its way.
     """
@@ -82,8 +84,8 @@ def errors(values: FloatArray, pairs: Pairs) -> FloatArray:
     """Drawn minus seen, (n, 2) px."""
     points = pairs.at(float(values[-1]))
     missed = np.empty_like(pairs.strips.pixels)
-    for number in range(len(EYES)):
-        mine = pairs.strips.eyes == number
+    for number in range(len(CAMERAS)):
+        mine = pairs.strips.cameras == number
         missed[mine] = draw(row_of(values, number), points[mine])[0] - pairs.strips.pixels[mine]
     return missed
 
@@ -91,7 +93,7 @@ def errors(values: FloatArray, pairs: Pairs) -> FloatArray:
 def slopes(values: FloatArray, pairs: Pairs) -> FloatArray:
     """Derivatives (n, 2, 23) of the errors.
 
-    An eye's values move its own strips alone, so one step serves those of both.
+    A camera's values move its own strips alone, so one step serves those of both.
     """
     found = np.zeros((len(pairs.paired), 2, len(values)))
     here = errors(values, pairs)
@@ -99,7 +101,9 @@ def slopes(values: FloatArray, pairs: Pairs) -> FloatArray:
     for k, step in enumerate(STEPS):
         moved = values.copy()
         moved[k : -1 : len(NAMES)] += step
-        found[every, :, k + len(NAMES) * pairs.strips.eyes] = (errors(moved, pairs) - here) / step
+        found[every, :, k + len(NAMES) * pairs.strips.cameras] = (
+            errors(moved, pairs) - here
+        ) / step
     moved = values.copy()
     moved[-1] += _DELAY_STEP_S
     found[:, :, -1] = (errors(moved, pairs) - here) / _DELAY_STEP_S

@@ -14,22 +14,22 @@ from host.geometry import to_frame, to_parent
 from host.messages import FloatArray, IntArray
 from host.perception import turrets
 
-EYES = ("front", "rear")
-LEAST_PAIRS = 12  # of an eye, to fit it
+CAMERAS = ("front", "rear")
+LEAST_PAIRS = 12  # of a camera, to fit it
 _MOST_STRIPS = 1200  # of a longer drive every second, third, ... is used
-_LINK_M = 0.12  # a candidate of the lidar moves no farther in one turn
-_TURN_S = 0.4  # turns are nearer to each other than this
+_LINK_M = 0.12  # a candidate of the lidar moves no farther in one revolution
+_REVOLUTION_S = 0.4  # revolutions are nearer to each other than this
 
 
 @dataclass(frozen=True, slots=True)
 class Strips:
     """What the cameras took for strips, in order of time.
 
-    times (n,) s: of the messages. eyes (n,): index into EYES. pixels (n, 2): of the middles.
+    times (n,) s: of the messages. cameras (n,): index into CAMERAS. pixels (n, 2): of the middles.
     """
 
     times: FloatArray
-    eyes: IntArray
+    cameras: IntArray
     pixels: FloatArray
 
 
@@ -62,7 +62,7 @@ class Captured:
 class Ranged:
     """Teammates, and whatever else is as wide, as the calibrated lidar saw them.
 
-    Candidates of one turn are joined with those of the next that are nearest on the floor.
+    Candidates of one revolution are joined with those of the next that are nearest on the floor.
     """
 
     noise_m = 0.02
@@ -78,7 +78,7 @@ class Ranged:
             seen.append((scan.time - lags, to_parent(found.positions, pose)))
         pairs = [_link(*a, *b) for a, b in itertools.pairwise(seen)]
         widest = max((len(pair) for pair in pairs), default=0)
-        # Of each two turns and candidate: first and last time, place and velocity on the floor.
+        # Of two revolutions and a candidate: first and last time, place and velocity on the floor.
         # One more before and after them all, of nothing.
         self._rows = np.full((len(pairs) + 2, widest, 6), math.nan)
         for row, pair in zip(self._rows[1:], pairs, strict=False):
@@ -86,7 +86,7 @@ class Ranged:
 
     def positions(self, times: FloatArray, shift_s: float = 0.0) -> FloatArray:
         """Positions (k, m, 2), one column a candidate seen shortly before and after a time."""
-        # A turn's candidates were seen before its end, each at its own time.
+        # A revolution's candidates were seen before its end, each at its own time.
         after = np.clip(np.searchsorted(self._ends, times), 0, len(self._rows) - 2)
         rows = np.concatenate((self._rows[after], self._rows[after + 1]), axis=1)
         floor = (
@@ -102,7 +102,7 @@ class Ranged:
 def _link(
     times: FloatArray, places: FloatArray, next_times: FloatArray, next_places: FloatArray
 ) -> FloatArray:
-    """Rows (j, 6): both times, place and velocity of candidates that two turns in sequence have."""
+    """Rows (j, 6) of the candidates of both revolutions: both times, place and velocity."""
     if not len(times) or not len(next_times):
         return np.zeros((0, 6))
     distances = cdist(places, next_places)
@@ -110,7 +110,12 @@ def _link(
     second = np.argmin(distances, axis=1)
     mutual = np.argmin(distances, axis=0)[second] == first
     interval = next_times[second] - times
-    kept = mutual & (distances[first, second] < _LINK_M) & (interval > 0.01) & (interval < _TURN_S)
+    kept = (
+        mutual
+        & (distances[first, second] < _LINK_M)
+        & (interval > 0.01)
+        & (interval < _REVOLUTION_S)
+    )
     step = (next_places[second] - places)[kept] / interval[kept, None]
     return np.column_stack((times[kept], next_times[second][kept], places[kept], step))
 
@@ -118,9 +123,9 @@ def _link(
 def strips_of(gathered: Gathered) -> Strips:
     """What both cameras saw. Raises UserError where no message says where in the picture."""
     parts = [
-        (bearings.time, EYES.index(bearings.camera), pixel)
+        (bearings.time, CAMERAS.index(bearings.camera), pixel)
         for bearings in gathered.bearings
-        if bearings.pixels is not None and bearings.camera in EYES
+        if bearings.pixels is not None and bearings.camera in CAMERAS
         for pixel in bearings.pixels
     ]
     if not parts:
@@ -147,12 +152,12 @@ def reference_of(gathered: Gathered) -> Reference:
         raise UserError(
             "motion capture saw no teammate",
             f"it saw body {gathered.config.mocap.body} alone, which is this robot",
-            "make a rigid body of a teammate, or leave motion capture out: the lidar will serve",
+            "make a rigid body of a teammate, or leave motion capture out: the lidar will do",
         )
     if len(gathered.scans) < 2:
         raise UserError(
-            "nothing tells where the teammates truly are",
-            f"no frame of motion capture and {len(gathered.scans)} turns of the lidar",
+            "there is no reference for where the teammates truly are",
+            f"no frame of motion capture and {len(gathered.scans)} revolutions of the lidar",
             "name the source in [mocap] of robot.toml, or connect the lidar and calibrate it first",
         )
     return Ranged(gathered)

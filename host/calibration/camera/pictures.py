@@ -5,10 +5,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from host.calibration.camera.bearing_errors import SECTOR_DEG, Sector, bearing_errors, bearings_of
+from host.calibration.camera.bearing_errors import (
+    SECTOR_DEG,
+    BearingSector,
+    bearing_errors,
+    bearings_of,
+)
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
-from host.calibration.camera.pairs import EYES
+from host.calibration.camera.pairs import CAMERAS
 from host.calibration.gathered import Gathered
 from host.calibration.result import ReportPicture, Series
 from host.calibration.robust.time_offset import DelayCurve
@@ -19,7 +24,7 @@ _BEARING = "bearing in the robot frame, deg (left is positive)"
 
 
 def pictures(
-    gathered: Gathered, fit: CameraFit, table: Mapping[int, list[Sector]], curve: DelayCurve
+    gathered: Gathered, fit: CameraFit, table: Mapping[int, list[BearingSector]], curve: DelayCurve
 ) -> tuple[ReportPicture, ...]:
     """Coverage, what is left of the errors, the delay's curve, and before and after."""
     bearings = np.degrees(bearings_of(fit))
@@ -33,7 +38,7 @@ def pictures(
             title="Where teammates were",
             x_label=_BEARING,
             y_label="range, m",
-            series=_by_eye(fit, shown, bearings, ranges),
+            series=_by_camera(fit, shown, bearings, ranges),
             caption="Views should be all around, near and far.",
         ),
         ReportPicture(
@@ -44,7 +49,7 @@ def pictures(
                 Series(
                     x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
                     y=np.array([math.degrees(s.sigma_rad) for s in found]),
-                    label=f"{EYES[number]} camera",
+                    label=f"{CAMERAS[number]} camera",
                     style="bars",
                 )
                 for number, found in table.items()
@@ -55,14 +60,14 @@ def pictures(
             title="Errors of bearings by bearing",
             x_label=_BEARING,
             y_label="error, deg",
-            series=_by_eye(fit, shown, bearings, after),
+            series=_by_camera(fit, shown, bearings, after),
             caption="Good is a band about 0; waves mean a lens that the model does not know.",
         ),
         ReportPicture(
             title="Errors of bearings by range",
             x_label="range, m",
             y_label="error, deg",
-            series=_by_eye(fit, shown, ranges, after),
+            series=_by_camera(fit, shown, ranges, after),
             caption="Good is a band about 0 at any range.",
         ),
         ReportPicture(
@@ -94,20 +99,20 @@ def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatAr
     """Errors (n,) deg of all pairs' bearings as fitted, and as they were configured."""
     strips = fit.pairs.strips
     after, before = np.full(len(fit.used), math.nan), np.full(len(fit.used), math.nan)
-    for number, eye in enumerate(fit.eyes):
-        mine = strips.eyes == number
-        old = equidistant(getattr(gathered.config.camera, EYES[number]))
-        after[mine] = bearing_errors(eye, fit.pairs.at(fit.delay)[mine], strips.pixels[mine])
+    for number, camera in enumerate(fit.cameras):
+        mine = strips.cameras == number
+        old = equidistant(getattr(gathered.config.camera, CAMERAS[number]))
+        after[mine] = bearing_errors(camera, fit.pairs.at(fit.delay)[mine], strips.pixels[mine])
         before[mine] = bearing_errors(old, fit.pairs.at(0.0)[mine], strips.pixels[mine])
     return np.degrees(after), np.degrees(before)
 
 
 def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
-    mine = fit.pairs.strips.eyes == number
+    mine = fit.pairs.strips.cameras == number
     x, y = fit.pairs.strips.pixels.T
-    up = fit.eyes[number].height_px - y
+    up = fit.cameras[number].height_px - y
     return ReportPicture(
-        title=f"Strips in the picture of the {EYES[number]} camera",
+        title=f"Strips in the picture of the {CAMERAS[number]} camera",
         x_label="x, px",
         y_label="above the lower border, px",
         series=(
@@ -118,11 +123,13 @@ def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
     )
 
 
-def _by_eye(fit: CameraFit, shown: BoolArray, x: FloatArray, y: FloatArray) -> tuple[Series, ...]:
-    eyes = fit.pairs.strips.eyes
+def _by_camera(
+    fit: CameraFit, shown: BoolArray, x: FloatArray, y: FloatArray
+) -> tuple[Series, ...]:
+    cameras = fit.pairs.strips.cameras
     return tuple(
-        _points(f"{name} camera", x, y, shown & (eyes == number))
-        for number, name in enumerate(EYES)
+        _points(f"{name} camera", x, y, shown & (cameras == number))
+        for number, name in enumerate(CAMERAS)
         if fit.fitted[number]
     )
 

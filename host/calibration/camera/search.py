@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from host.calibration.camera.model import NAMES, eye_of
-from host.calibration.camera.pairs import EYES, LEAST_PAIRS, Reference, Strips
+from host.calibration.camera.model import NAMES, camera_of
+from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, Strips
 from host.config import Camera, Cameras
 from host.messages import FloatArray
 from host.perception.lens import View
@@ -17,39 +17,39 @@ _HEADINGS = np.radians(np.arange(-32.0, 33.0, 4.0))  # beside the configured one
 _FOCALS = np.array([0.85, 0.92, 1.0, 1.08, 1.17])  # times the configured one
 _DELAY_STEP_S, _LONGEST_DELAY_S = 0.04, 1.0
 _NEAR_RAD = math.radians(4.0)  # a strip this far from a teammate counts half
-_STRIPS = 200  # of each eye
+_STRIPS = 200  # of each camera
 _APART_S = 0.12  # delays nearer to each other are refined to the same
 
 
 def likely_starts(
     strips: Strips,
     reference: Reference,
-    camera: Cameras,
+    cameras: Cameras,
     mean: FloatArray,
     lenses_known: tuple[bool, ...],
 ) -> list[FloatArray]:
     """Two sets of values (23,) as in `camera_fit.CameraFit`, of the two likeliest delays.
 
-    In each, the heading and the focal length of each eye are those that bring most strips near a
-    teammate; all else is as in `mean` (23,). lenses_known (2,): eyes whose focal length is held.
+    In each, the heading and the focal length of each camera are those that bring most strips near a
+    teammate; all else is as in `mean` (23,). lenses_known (2,): cameras whose focal length is held.
     """
-    longest = _LONGEST_DELAY_S - camera.delay_s
-    delays = np.arange(-camera.delay_s, longest + 1e-9, _DELAY_STEP_S)
+    longest = _LONGEST_DELAY_S - cameras.delay_s
+    delays = np.arange(-cameras.delay_s, longest + 1e-9, _DELAY_STEP_S)
     total = np.zeros(len(delays))
     best = np.tile(mean, (len(delays), 1))
     best[:, -1] = delays
-    for number in range(len(EYES)):
-        mine = np.flatnonzero(strips.eyes == number)
+    for number in range(len(CAMERAS)):
+        mine = np.flatnonzero(strips.cameras == number)
         mine = mine[:: max(1, len(mine) // _STRIPS)]
         if len(mine) < LEAST_PAIRS:
             continue
         start = len(NAMES) * number
-        eye = eye_of(mean, number, camera)
+        camera = camera_of(mean, number, cameras)
         focals = np.ones(1) if lenses_known[number] else _FOCALS
-        seen = _azimuths(eye, focals, strips.pixels[mine])
+        seen = _azimuths(camera, focals, strips.pixels[mine])
         for k, delay in enumerate(delays.tolist()):
             places = reference.positions(strips.times[mine] - delay)
-            true = np.arctan2(places[..., 1] - eye.y_m, places[..., 0] - eye.x_m)
+            true = np.arctan2(places[..., 1] - camera.y_m, places[..., 0] - camera.x_m)
             score, which, heading = _aim(true, seen)
             total[k] += len(mine) * score
             best[k, start] *= focals[which]
@@ -59,11 +59,11 @@ def likely_starts(
     return [best[first], best[int(np.argmax(total))]]
 
 
-def _azimuths(eye: Camera, focals: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Azimuths (f, k) rad of pixels (k, 2), with the eye's focal length times each of `focals`."""
+def _azimuths(camera: Camera, focals: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Azimuths (f, k) rad of pixels (k, 2), for a focal length times each of `focals`."""
     rows = []
     for focal in focals.tolist():
-        view = View(eye.model_copy(update={"focal_px": eye.focal_px * focal}))
+        view = View(camera.model_copy(update={"focal_px": camera.focal_px * focal}))
         x, y, _ = view.directions_of(pixels).T
         rows.append(np.arctan2(y, x))
     return np.array(rows)

@@ -1,6 +1,6 @@
 """Raw samples of a whole drive → the directions in which the robot itself hides the lidar's view.
 
-Behind a pillar nothing ever comes back, whatever the robot turns to. A sample without a return
+Behind a pillar nothing ever comes back, whatever heading the robot has. A sample without a return
 has no sure direction (the X4 corrects its angles by the range), so only returns are counted: how
 many came from each direction, against what comes from beside it.
 """
@@ -12,23 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, percentile_filter
 
+from host.calibration.robust.statistics import jackknife_sigma
 from host.config import Lidar
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray, Scan
 
 _BINS = 1800
 _BIN_RAD = math.tau / _BINS
-_AROUND = 301  # bins that tell what is usual in a direction
-_EDGE, _BESIDE = 5, 21  # bins that an edge may be blurred over, and those that tell what is usual
+_AROUND = 301  # bins by which the usual count in a direction is known
+_EDGE, _BESIDE = (
+    5,
+    21,
+)  # bins that an edge may be blurred over, and those that the usual count is of
 _NOTHING = 0.02  # of the usual: a stray return does not make a pillar transparent
-_LEAST_USUAL = 12.0  # returns in a bin, to tell nothing from little
+_LEAST_USUAL = 12.0  # returns in a bin, for none to be significant
 _NARROWEST_RAD, _WIDEST_RAD = math.radians(1.0), 3.1
-_PIECES = 8  # of the drive; each left out once tells the uncertainty
+_PIECES = 8  # of the drive, each left out once
+_RESOLUTION_RAD = _BIN_RAD * np.array([0.1, 0.2])  # of a centre and of a width
 _SAME_RAD = math.radians(3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Sector:
+class FoundSector:
     """A blind sector: centre and width (rad, robot frame), and their standard deviations."""
 
     centre: float
@@ -41,11 +46,11 @@ class Sector:
         return np.asarray(np.abs(wrap(bearings - self.centre)) < 0.5 * self.width + margin)
 
 
-def find_sectors(scans: Sequence[Scan], lidar: Lidar) -> list[Sector]:
+def find_sectors(scans: Sequence[Scan], lidar: Lidar) -> list[FoundSector]:
     """Blind sectors by their centres, in directions from the lidar's axis, robot frame.
 
     Edges are where half of the usual number of returns comes. Returns nearer than the configured
-    least range are the pillars themselves. None where there is too little to tell.
+    least range are the pillars themselves. None where too few scans are given.
     """
     counts = np.zeros((_PIECES, _BINS))
     for number, scan in enumerate(scans):
@@ -59,7 +64,7 @@ def find_sectors(scans: Sequence[Scan], lidar: Lidar) -> list[Sector]:
     return [_with_sigmas(sector, others) for sector in found]
 
 
-def match(sector: Sector, sectors: Sequence[Sector]) -> Sector | None:
+def same_sector(sector: FoundSector, sectors: Sequence[FoundSector]) -> FoundSector | None:
     """The one of `sectors` that is the same as `sector`, if any."""
     near = [
         s for s in sectors if abs(float(wrap(s.centre - sector.centre))) < _SAME_RAD + s.width / 2
@@ -67,22 +72,19 @@ def match(sector: Sector, sectors: Sequence[Sector]) -> Sector | None:
     return min(near, key=lambda s: abs(float(wrap(s.centre - sector.centre))), default=None)
 
 
-def _with_sigmas(sector: Sector, others: Sequence[list[Sector]]) -> Sector:
+def _with_sigmas(sector: FoundSector, others: Sequence[list[FoundSector]]) -> FoundSector:
     """Jackknife over the pieces of the drive; where one of them decides, nothing is sure."""
-    same = [match(sector, sectors) for sectors in others]
+    same = [same_sector(sector, sectors) for sectors in others]
     found = [s for s in same if s is not None]
     if len(found) < len(same):
-        return Sector(sector.centre, sector.width, sector.width, sector.width)
-    share = math.sqrt(len(found) - 1.0)
-    centres = wrap(np.array([s.centre for s in found]) - sector.centre)
-    widths = np.array([s.width for s in found])
+        return FoundSector(sector.centre, sector.width, sector.width, sector.width)
+    off = [(float(wrap(s.centre - sector.centre)), s.width) for s in found]
     # Directions are a fraction of a bin apart, but no better known than that.
-    centre_sigma = math.hypot(share * float(centres.std()), 0.1 * _BIN_RAD)
-    width_sigma = math.hypot(share * float(widths.std()), 0.2 * _BIN_RAD)
-    return Sector(sector.centre, sector.width, centre_sigma, width_sigma)
+    sigmas = np.hypot(jackknife_sigma(np.array(off)), _RESOLUTION_RAD)
+    return FoundSector(sector.centre, sector.width, *sigmas.tolist())
 
 
-def _sectors(counts: FloatArray, lidar: Lidar) -> list[Sector]:
+def _sectors(counts: FloatArray, lidar: Lidar) -> list[FoundSector]:
     """Sectors without returns, from the returns (_BINS,) in each direction."""
     usual = percentile_filter(counts, 75, size=_AROUND, mode="wrap")
     usual = np.maximum(usual, 0.5 * np.median(counts))
@@ -107,14 +109,14 @@ def _sectors(counts: FloatArray, lidar: Lidar) -> list[Sector]:
         width = _BIN_RAD * (last + 1 - first + before + after)
         middle = 0.5 * (first - before + last + 1 + after)
         if _NARROWEST_RAD <= width < _WIDEST_RAD:
-            found.append(Sector(float(wrap(-math.pi + (start + middle) * _BIN_RAD)), width))
+            found.append(FoundSector(float(wrap(-math.pi + (start + middle) * _BIN_RAD)), width))
     return sorted(found, key=lambda sector: sector.centre)
 
 
 def _beyond(counts: FloatArray) -> float:
     """How many bins a sector goes on past its empty ones: half-filled bins at its edge.
 
-    counts (k,): of the bins from there outwards; what is usual is told by those a little further.
+    counts (k,): of the bins from there outwards; the usual count is that of those a little further.
     """
     usual = float(np.median(counts[_EDGE : _EDGE + _BESIDE])) if len(counts) > _EDGE else 0.0
     if usual == 0.0:

@@ -11,36 +11,35 @@ from typing import Any
 
 import numpy as np
 
-from host.calibration.detection import pictures
-from host.calibration.detection import verdict as checks
-from host.calibration.detection.blind_sectors import Sector, find_sectors, match
+from host.calibration.detection.blind_sectors import find_sectors
 from host.calibration.detection.camera_views import (
     CameraSurvey,
     bearing_noise,
     bearing_noise_sigma,
     survey_cameras,
 )
-from host.calibration.detection.clutter import clutter, interference, rate
+from host.calibration.detection.clutter import clutter, interference, rate_of
 from host.calibration.detection.lidar_views import (
     LidarSurvey,
     open_to,
     range_noise,
     survey_lidar,
 )
-from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
+from host.calibration.detection.pictures import camera_pictures, lidar_pictures
+from host.calibration.detection.rows import (
+    SHARE_LIMIT,
+    all_and_halves,
+    curve_rows,
+    finite_halves,
+    positive_row,
+    sector_rows,
+    shown_row,
+)
+from host.calibration.detection.verdict import camera_verdict, lidar_verdict
 from host.calibration.gathered import Gathered, Tracks
 from host.calibration.result import Calibration, Check, Fitted, ReportPicture
-from host.config import Cameras, Lidar
+from host.config import Cameras
 from host.errors import UserError
-from host.messages import BoolArray, FloatArray
-
-advice = checks.advice
-
-_PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
-_SHARE_LIMIT = 0.3  # of a noise or a steepness: how well it must be known
-_RATE_LIMIT = 0.5  # of a rate: false detections come in swarms
-_SECTOR_LIMIT_RAD = math.radians(0.5)
-_DEGREES = math.degrees(1.0)
 
 
 @dataclass(slots=True)
@@ -69,7 +68,7 @@ def calibrate(gathered: Gathered) -> Calibration:
         )
     if not gathered.scans and not gathered.bearings:
         raise UserError(
-            "there is nothing to tell detection from",
+            "there is nothing to fit detection to",
             "neither a scan of the lidar nor a picture of a camera was received",
             "look how lidar and cameras do with `swarmloc run`",
         )
@@ -97,43 +96,35 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
     clear = open_to(views.bearings, views.distances, sectors, lidar)
     if not clear.any():
         raise _nobody("the lidar", "scan")
-    curve, rows = _curve("lidar", lidar, views.part(clear))
-    part = _Part(fitted=rows + _sector_rows(gathered, sectors))
+    curve, rows = curve_rows("lidar", lidar, views.part(clear))
+    part = _Part(fitted=rows + sector_rows(gathered, sectors))
     found = clutter(survey, curve, lidar)
-    part.fitted.append(
-        _rate_row(
-            "lidar.clutter_per_m2",
-            "lidar clutter",
-            lidar.clutter_per_m2,
-            [
-                rate(found.counts[half], survey.areas[half], survey.times[half])
-                for half in _all_and_halves(survey.times)
-            ],
-            "/m² a turn",
-        )
-    )
-    noises = [range_noise(survey, clear & half) for half in _all_and_halves(views.times)]
-    name = "lidar range noise at 1 m"
-    part.fitted.append(
-        _rate_row("lidar.range_noise_m", name, lidar.range_noise_m, noises, "mm", 1e3, _SHARE_LIMIT)
-    )
+    parts = all_and_halves(survey.times)
+    rates = (rate_of(found.counts[k], survey.areas[k], survey.times[k]) for k in parts)
+    name, unit = "lidar clutter", "/m² a revolution"
+    before = lidar.clutter_per_m2
+    part.fitted.append(positive_row("lidar.clutter_per_m2", name, before, rates, unit))
+    noises = (range_noise(survey, clear & half) for half in all_and_halves(views.times))
+    name, before = "lidar range noise at 1 m", lidar.range_noise_m
+    row = positive_row("lidar.range_noise_m", name, before, noises, "mm", SHARE_LIMIT)
+    part.fitted.append(row)
     dazzled = interference(survey, clear, curve)
     part.fitted += [
-        _told("turns lost to interference close by", 100.0 * dazzled.share, "%"),
-        _told("interference in a row, mean", dazzled.mean_s, "s"),
-        _told("interference in a row, longest", dazzled.longest_s, "s"),
+        shown_row("revolutions lost to interference close by", dazzled.share, "%"),
+        shown_row("interference in a row, mean", dazzled.mean_s, "s"),
+        shown_row("interference in a row, longest", dazzled.longest_s, "s"),
     ]
-    part.checks = checks.lidar_checks(survey, clear, curve, lidar)
-    if sectors or all(check.passed for check in part.checks):  # else too little was seen to tell
+    part.checks = lidar_verdict(survey, clear, curve, lidar)
+    if sectors or all(check.passed for check in part.checks):  # else too little was seen
         part.settings["lidar.blind_sectors"] = [
             {"centre_rad": s.centre, "width_rad": s.width} for s in sectors
         ]
-    part.pictures = pictures.lidar_pictures(survey, clear, curve, sectors, found)
+    part.pictures = lidar_pictures(survey, clear, curve, sectors, found)
     off = survey.offsets[clear & views.seen]
     rms = math.sqrt(float(np.mean(np.sum(off**2, axis=1)))) if len(off) else math.nan
     part.residuals = f"lidar {1e3 * rms:.1f} mm rms in {len(off)} of {int(clear.sum())} views"
     part.figures["lidar"] = {
-        "turns": len(survey.times),
+        "revolutions": len(survey.times),
         "views": int(clear.sum()),
         "seen": len(off),
         "rms_m": rms,
@@ -149,46 +140,39 @@ def _lidar(gathered: Gathered, tracks: Tracks, survey: LidarSurvey) -> _Part:
     return part
 
 
-def _cameras(camera: Cameras, survey: CameraSurvey) -> _Part:
+def _cameras(cameras: Cameras, survey: CameraSurvey) -> _Part:
     views = survey.views
     if not len(views):
         raise _nobody("the cameras", "picture")
-    curve, rows = _curve("camera", camera, views)
+    curve, rows = curve_rows("camera", cameras, views)
     part = _Part(fitted=rows)
-    part.fitted.append(
-        _rate_row(
-            "camera.clutter_per_rad",
-            "camera clutter",
-            camera.clutter_per_rad,
-            [
-                rate(survey.false[half], survey.free[half], survey.times[half])
-                for half in _all_and_halves(survey.times)
-            ],
-            "/rad a picture",
-        )
-    )
+    parts = all_and_halves(survey.times)
+    rates = (rate_of(survey.false[k], survey.free[k], survey.times[k]) for k in parts)
+    name, unit = "camera clutter", "/rad a picture"
+    before = cameras.clutter_per_rad
+    part.fitted.append(positive_row("camera.clutter_per_rad", name, before, rates, unit))
     (noise, mean), (early, _), (late, _) = (
-        bearing_noise(survey, half) for half in _all_and_halves(views.times)
+        bearing_noise(survey, half) for half in all_and_halves(views.times)
     )
     sigma = bearing_noise_sigma(survey)
-    before = camera.bearing_noise_rad
-    # Where the pixels' own noise drowns it, the data do not speak against what is configured.
-    told = sigma < 0.5 * max(noise, before)
+    before = cameras.bearing_noise_rad
+    # Not observable below the pixels' own noise.
+    observable = sigma < 0.5 * max(noise, before)
     part.fitted += [
         Fitted(
-            key="camera.bearing_noise_rad" if told else "",
-            name="bearing noise of lens and mounting" + ("" if told else " (not told: kept)"),
+            key="camera.bearing_noise_rad" if observable else "",
+            name="bearing noise of lens and mounting"
+            + ("" if observable else " (not observable; configured value kept)"),
             value=max(noise, sigma),
             sigma=sigma,
             before=before,
-            halves=_finite((early, late)),
+            halves=finite_halves((early, late)),
             unit="deg",
-            scale=_DEGREES,
         ),
-        _told("mean bearing error", mean, "deg", _DEGREES),
+        shown_row("mean bearing error", mean, "deg"),
     ]
-    part.checks = checks.camera_checks(survey, curve, camera, mean)
-    part.pictures = pictures.camera_pictures(survey, curve)
+    part.checks = camera_verdict(survey, curve, cameras, mean)
+    part.pictures = camera_pictures(survey, curve)
     errors = survey.errors[views.seen]
     rms = math.sqrt(float(np.mean(errors**2))) if len(errors) else math.nan
     part.residuals = (
@@ -213,100 +197,3 @@ def _nobody(sensor: str, moment: str) -> UserError:
         f"in every {moment} each was hidden, too near to another, or not tracked",
         "use fewer teammates, and drive where they are apart from each other",
     )
-
-
-def _all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Which of the times (n,) count: all, those of the first half of the drive, the others."""
-    first: BoolArray = np.asarray(times <= 0.5 * (times.min() + times.max()))
-    return first | True, first, ~first
-
-
-def _finite(halves: tuple[float, float]) -> tuple[float, float] | None:
-    return halves if math.isfinite(sum(halves)) else None
-
-
-def _told(name: str, value: float, unit: str, scale: float = 1.0) -> Fitted:
-    return Fitted(key="", name=name, value=value, sigma=math.nan, unit=unit, scale=scale)
-
-
-def _rate_row(
-    key: str,
-    name: str,
-    before: float,
-    fits: list[tuple[float, float]],
-    unit: str,
-    scale: float = 1.0,
-    share: float = _RATE_LIMIT,
-) -> Fitted:
-    """A row of a positive quantity, from its fits to all data and to the two halves."""
-    (value, sigma), (early, _), (late, _) = fits
-    return Fitted(
-        key=key,
-        name=name,
-        value=value,
-        sigma=sigma,
-        limit=share * max(value, before) if math.isfinite(value) else share * before,
-        before=before,
-        halves=_finite((early, late)),
-        unit=unit,
-        scale=scale,
-    )
-
-
-def _curve(section: str, config: Lidar | Cameras, views: Views) -> tuple[RangeCurve, list[Fitted]]:
-    """The curve of one sensor, and its three rows."""
-    configured = config.half_range_m, config.range_steepness_per_m
-    curve = fit_curve(views, configured)
-    _, *parts = _all_and_halves(views.times)
-    halves = [fit_curve(views.part(half), configured) for half in parts if half.any()]
-    before = (config.detection_probability, *configured)
-    keys = "detection_probability", "half_range_m", "range_steepness_per_m"
-    names = "detection probability close by", "half-range", "steepness"
-    limits = _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M, _SHARE_LIMIT * float(curve.values[2])
-    rows = []
-    for k, (key, name, unit) in enumerate(zip(keys, names, ("", "m", "/m"), strict=True)):
-        fitted = curve.reached or k == 0
-        told = [float(half.values[k]) for half in halves if half.reached or k == 0]
-        rows.append(
-            Fitted(
-                key=f"{section}.{key}" if fitted else "",
-                name=f"{section} {name}"
-                + ("" if fitted else f" (beyond {curve.reach_m:.1f} m: kept)"),
-                value=float(curve.values[k]),
-                sigma=float(curve.sigmas[k]),
-                limit=limits[k] if fitted else None,
-                before=before[k],
-                halves=(told[0], told[1]) if fitted and len(told) == 2 else None,
-                unit=unit,
-            )
-        )
-    return curve, rows
-
-
-def _sector_rows(gathered: Gathered, sectors: list[Sector]) -> list[Fitted]:
-    """Two rows for each blind sector; they are written as a list, not by these rows."""
-    lidar, scans = gathered.config.lidar, gathered.scans
-    before = [Sector(s.centre_rad, s.width_rad) for s in lidar.blind_sectors]
-    middle = len(scans) // 2
-    halves = find_sectors(scans[:middle], lidar), find_sectors(scans[middle:], lidar)
-    rows = []
-    for number, sector in enumerate(sectors, 1):
-        was = match(sector, before)
-        early, late = match(sector, halves[0]), match(sector, halves[1])
-        for quantity in ("centre", "width"):
-            rows.append(
-                Fitted(
-                    key="",
-                    name=f"blind sector {number}, {quantity}",
-                    value=getattr(sector, quantity),
-                    sigma=getattr(sector, f"{quantity}_sigma"),
-                    limit=_SECTOR_LIMIT_RAD,
-                    before=getattr(was, quantity) if was else None,
-                    halves=(getattr(early, quantity), getattr(late, quantity))
-                    if early and late
-                    else None,
-                    unit="deg",
-                    scale=_DEGREES,
-                )
-            )
-    return rows

@@ -7,23 +7,23 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import erf
 
-from host.calibration.detection.lidar_views import LidarSurvey, hidden
+from host.calibration.detection.lidar_views import LidarSurvey, behind_something
 from host.calibration.detection.range_curve import Views
 from host.calibration.gathered import Gathered, Tracks
+from host.calibration.robust.statistics import jackknife_sigma, normal_sigma, pieces_of
 from host.config import Lidar
 from host.errors import UserError
 from host.geometry import to_frame, wrap
 from host.messages import Bearings, BoolArray, FloatArray
 
-_GATE_SIGMAS = 3.0  # a bearing is the teammate's this near ...
+GATE_SIGMAS = 3.0  # a bearing is the teammate's this near ...
 _CLEAR_SIGMAS = 4.5  # ... and surely not its own beyond this
-_CAUGHT = math.erf(_GATE_SIGMAS / math.sqrt(2.0))
+_CAUGHT = math.erf(GATE_SIGMAS / math.sqrt(2.0))
 _NARROWEST_RAD = math.radians(0.3)  # for the noise that gates are made by
 _ALONE_RAD = math.radians(45.0)  # so far from others a first look at the noise is safe
 _NEAR_M = 2.0
-_MEDIAN_SIGMAS = 0.6745  # of |x|, in standard deviations
 _DIRECTIONS = 720  # in which the part of a picture is measured that is free of teammates
-_SCAN_NEAR_S = 0.15  # a scan no older tells what is in the way
+_SCAN_NEAR_S = 0.15  # a scan no older shows what is in the way
 _PIECES = 8
 _LEAST_SEEN = 16
 _LEAST_NOISE_RAD = 5e-4
@@ -93,8 +93,8 @@ class _Pictures:
         safe = (self.gaps > _ALONE_RAD) & (self.distances < _NEAR_M) & self.in_view(0.1)
         errors = self.errors[safe & (np.abs(self.errors) < 0.5 * _ALONE_RAD)]
         if not len(errors):
-            return 0.25 * _ALONE_RAD / _GATE_SIGMAS
-        return max(float(np.median(np.abs(errors))) / _MEDIAN_SIGMAS, _NARROWEST_RAD)
+            return 0.25 * _ALONE_RAD / GATE_SIGMAS
+        return max(normal_sigma(errors), _NARROWEST_RAD)
 
     def free(self, margin: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """False bearings (s,) and free width (s,) rad of pictures, away from all teammates.
@@ -124,7 +124,7 @@ def _away(bearings: FloatArray, teammates: FloatArray, margin: float) -> BoolArr
 
 
 def survey_cameras(gathered: Gathered, tracks: Tracks, scanned: LidarSurvey | None) -> CameraSurvey:
-    """Compare all pictures with motion capture; `scanned` tells what else is in the way.
+    """Compare all pictures with motion capture; `scanned` shows what else is in the way.
 
     Raises UserError where no picture falls into the time in which the robot was tracked.
     """
@@ -136,7 +136,7 @@ def survey_cameras(gathered: Gathered, tracks: Tracks, scanned: LidarSurvey | No
             "check that the robot is in the capture volume, and that both run at the same time",
         )
     spread = pictures.spread()
-    gate = _GATE_SIGMAS * spread
+    gate = GATE_SIGMAS * spread
     false, free, places = pictures.free(_CLEAR_SIGMAS * spread)
     rate = false.sum() / max(float(free.sum()), 1e-9)
     chosen = np.isfinite(pictures.bearings) & (pictures.gaps > 2.0 * gate)
@@ -176,16 +176,16 @@ def _covered(pictures: _Pictures, scanned: LidarSurvey | None, lidar: Lidar) -> 
     )
     after = np.minimum(after, len(scanned.times) - 1)
     before = np.maximum(after - 1, 0)
-    # Samples are on average half a turn older than the end of their turn.
+    # Samples are on average half a revolution older than its end.
     half = 0.5 * float(np.median(np.diff(scanned.times))) if len(scanned.times) > 1 else 0.0
     middle = scanned.times - half
     early = pictures.times - middle[before] < middle[after] - pictures.times
-    turn = np.where(early, before, after)
-    near = np.abs(middle[turn] - pictures.times) < _SCAN_NEAR_S
+    scan = np.where(early, before, after)
+    near = np.abs(middle[scan] - pictures.times) < _SCAN_NEAR_S
     for j in range(covered.shape[1]):
-        seen = to_frame(pictures.floors[:, j], scanned.robots[turn])
+        seen = to_frame(pictures.floors[:, j], scanned.robots[scan])
         known = near & np.isfinite(seen).all(axis=1)
-        covered[known, j] = hidden(seen[known], scanned.clearances[turn[known]], lidar)
+        covered[known, j] = behind_something(seen[known], scanned.clearances[scan[known]], lidar)
     return covered
 
 
@@ -202,11 +202,10 @@ def bearing_noise(survey: CameraSurvey, chosen: BoolArray) -> tuple[float, float
 
 
 def bearing_noise_sigma(survey: CameraSurvey) -> float:
-    """Standard deviation (rad) of the noise of all views, by leaving out pieces of the drive."""
-    times = survey.views.times
-    piece = np.argsort(np.argsort(times, kind="stable"), kind="stable") * _PIECES // len(times)
+    """Standard deviation (rad) of the noise of all views, a jackknife over pieces of the drive."""
+    piece = pieces_of(survey.views.times, _PIECES)
     others = [bearing_noise(survey, piece != k)[0] for k in range(_PIECES)]
-    return math.sqrt(_PIECES - 1.0) * float(np.std(others))
+    return float(jackknife_sigma(np.array(others)))
 
 
 def _fit_noise(errors: FloatArray, variances: FloatArray, gate: float) -> tuple[float, float]:
@@ -218,7 +217,7 @@ def _fit_noise(errors: FloatArray, variances: FloatArray, gate: float) -> tuple[
         normal = np.exp(-0.5 * (errors - mean) ** 2 / total) / np.sqrt(math.tau * total) / inside
         return -float(np.log((1.0 - false) * normal + false / (2.0 * gate)).sum())
 
-    scale = math.log(gate / _GATE_SIGMAS)
+    scale = math.log(gate / GATE_SIGMAS)
     found = minimize(
         cost,
         np.array([scale, 0.0, -4.0]),

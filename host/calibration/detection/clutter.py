@@ -6,23 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from host.calibration.detection.lidar_views import GATE_M, LidarSurvey, hidden
+from host.calibration.detection.lidar_views import GATE_M, LidarSurvey, behind_something
 from host.calibration.detection.range_curve import BLOCK_S, RangeCurve
+from host.calibration.robust.statistics import blocks_of, ratio_variance
 from host.config import Lidar
 from host.geometry import to_frame
 from host.messages import BoolArray, FloatArray
 
 _NULL_SHARE = 0.7  # of the samples on a teammate: nothing comes back from it
 _NEAR_M, _NEAR_SHARE = 1.2, 0.6  # close by: both in metres and in half-ranges
-_STANDING = 0.5  # of the turns in which a thing would be detected if it were always there
-_STANDING_TURNS = 5.0
+_STANDING = 0.5  # of the scans in which a thing would be detected if it were always there
+_STANDING_SCANS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Interference:
     """How often a teammate close by in plain view is missed because nothing comes back.
 
-    share: of the turns; seconds: how long in a row on average, and at most. views: looked at.
+    share: of the revolutions; how long in a row, on average and at most. views: looked at.
     """
 
     share: float
@@ -33,7 +34,7 @@ class Interference:
 
 @dataclass(frozen=True, slots=True)
 class Clutter:
-    """False candidates: counts (s,) of each turn and their places (f, 2) m on the floor.
+    """False candidates: counts (s,) of each revolution and their places (f, 2) m on the floor.
 
     standing (k, 2) m: things that stand there all the time and look like teammates. The filter
     keeps them as obstacles, so their candidates are no clutter.
@@ -47,12 +48,12 @@ class Clutter:
 def clutter(survey: LidarSurvey, curve: RangeCurve, lidar: Lidar) -> Clutter:
     """False candidates that come and go, and what stands there all the time."""
     standing, of_standing = _standing(survey, curve, lidar)
-    turns = survey.false[~of_standing, 0].astype(np.int64)
-    counts = np.bincount(turns, minlength=len(survey.areas)).astype(float)
+    scans = survey.false[~of_standing, 0].astype(np.int64)
+    counts = np.bincount(scans, minlength=len(survey.areas)).astype(float)
     return Clutter(counts, survey.false[~of_standing, 1:], standing)
 
 
-def rate(counts: FloatArray, sizes: FloatArray, times: FloatArray) -> tuple[float, float]:
+def rate_of(counts: FloatArray, sizes: FloatArray, times: FloatArray) -> tuple[float, float]:
     """Events a unit of size, and the standard deviation; nan where nothing was looked at.
 
     counts, sizes, times (s,): how many there were of what was looked at when (s).
@@ -61,14 +62,13 @@ def rate(counts: FloatArray, sizes: FloatArray, times: FloatArray) -> tuple[floa
     if size == 0.0:
         return math.nan, math.nan
     found = (float(counts.sum()) + 0.5) / size  # never none at all
-    blocks = np.floor((times - times.min()) / BLOCK_S).astype(np.int64)
-    off = np.bincount(blocks, counts - found * sizes)
-    return found, math.sqrt(float((off**2).sum()) + 0.5) / size
+    variance = ratio_variance(counts, sizes, found, blocks_of(times - times.min(), BLOCK_S))
+    return found, math.sqrt(variance + 0.5 / size**2)
 
 
 def _standing(survey: LidarSurvey, curve: RangeCurve, lidar: Lidar) -> tuple[FloatArray, BoolArray]:
     """Places (k, 2) at which something stands all the time, and which false ones (f,) are it."""
-    turns, places = survey.false[:, 0], survey.false[:, 1:]
+    scans, places = survey.false[:, 0], survey.false[:, 1:]
     taken = np.zeros(len(places), dtype=bool)
     of_standing = taken.copy()
     standing: list[FloatArray] = []
@@ -79,24 +79,24 @@ def _standing(survey: LidarSurvey, curve: RangeCurve, lidar: Lidar) -> tuple[Flo
     crowded = sorted(range(len(places)), key=lambda k: -len(around[k]))
     for k in crowded:
         near = np.array([i for i in around[k] if not taken[i]])
-        if taken[k] or len(near) < _STANDING * _STANDING_TURNS:
+        if taken[k] or len(near) < _STANDING * _STANDING_SCANS:
             continue
         taken[near] = True
         middle = np.median(places[near], axis=0)
         expected = _expected(middle, survey, curve, lidar)
-        enough = expected >= _STANDING_TURNS
-        if enough and len(np.unique(turns[near])) >= _STANDING * expected:
+        enough = expected >= _STANDING_SCANS
+        if enough and len(np.unique(scans[near])) >= _STANDING * expected:
             standing.append(middle)
             of_standing[near] = True
     return np.array(standing).reshape(-1, 2), of_standing
 
 
 def _expected(place: FloatArray, survey: LidarSurvey, curve: RangeCurve, lidar: Lidar) -> float:
-    """In how many turns a turret that always stood at `place` (2,) would have been detected."""
+    """In how many scans a turret that always stood at `place` (2,) would have been detected."""
     seen = to_frame(np.broadcast_to(place, (len(survey.robots), 2)), survey.robots)
     distance = np.hypot(*seen.T)
     shown = (distance <= lidar.max_range_m) & (survey.areas > 0.0)
-    shown &= ~hidden(seen, survey.clearances, lidar)
+    shown &= ~behind_something(seen, survey.clearances, lidar)
     return float(curve.at(distance[shown]).sum())
 
 

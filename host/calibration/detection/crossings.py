@@ -1,4 +1,4 @@
-"""When the lidar's beam crossed each teammate in each turn, and where that one truly was then."""
+"""When the lidar's beam crossed each teammate in each revolution, and where it truly was."""
 
 from collections.abc import Sequence
 
@@ -10,12 +10,12 @@ from host.geometry import Path, to_frame, to_parent, wrap
 from host.messages import BoolArray, Displacement, FloatArray, Scan
 
 _PATH_STEPS = 12  # some 10 ms each
-_BESIDE_RAD = 0.02  # two cylinders nearer in bearing than this are not told apart for sure
+_BESIDE_RAD = 0.02  # two cylinders nearer in bearing than this are not separated for sure
 _NEARER_M = 0.1
 
 
 def true_path(scan: Scan, tracks: Tracks) -> Path:
-    """The robot's own path during one turn as motion capture saw it, to carry points by."""
+    """The robot's own path during one revolution as motion capture saw it, to carry points by."""
     path = Path(keep_seconds=np.inf)
     times = np.linspace(scan.times[0], scan.time, _PATH_STEPS + 1)
     poses = tracks.own(times)
@@ -27,12 +27,12 @@ def true_path(scan: Scan, tracks: Tracks) -> Path:
 
 
 class Crossings:
-    """The teammates as the beam met them, for turns (s,) and teammates (m,); nan where unknown.
+    """The teammates as the beam met them, for revolutions (s,) and teammates (m,); nan where unknown.
 
     times (s, m) s. distances (s, m) m and bearings (s, m) rad: in the robot frame of that moment.
     ways (s, m) m and beams (s, m) rad: the same in the lidar's own frame. places (s, m, 2) m:
-    where they stood then, in the robot frame at the end of the turn, as the finder has it.
-    robots (s, 3): the robot on the floor at the end of the turn.
+    where they stood, in the robot frame at the end of the scan, as the finder has it. robots
+    (s, 3): the robot on the floor at the end of the scan.
     """
 
     def __init__(self, scans: Sequence[Scan], tracks: Tracks, lidar: Lidar) -> None:
@@ -46,7 +46,7 @@ class Crossings:
         self.distances, self.bearings = np.zeros(shape), np.zeros(shape)
         self.ways, self.beams = np.zeros(shape), np.zeros(shape)
         self._look(tracks)
-        for _ in range(2):  # the robot turns while the lidar does
+        for _ in range(2):  # the robot rotates while the lidar does
             for s, scan in enumerate(scans):
                 off = np.abs(wrap(scan.angles[:, None] - np.nan_to_num(self.beams[s])))
                 self.times[s] = scan.times[np.argmin(off, axis=0)]
@@ -74,13 +74,13 @@ class Crossings:
         return np.asarray(plain)
 
     def points(self, scan: Scan, chosen: BoolArray, path: Path) -> FloatArray:
-        """Returns (k, 2) m of a turn, in the robot frame at its end."""
+        """Returns (k, 2) m of a scan, in the robot frame at its end."""
         angles, ranges = scan.angles[chosen], scan.ranges[chosen]
         flat = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
         return path.carry(to_parent(flat, self._mounting), scan.times[chosen], scan.time)
 
     def origin(self, scan: Scan, time: float, path: Path) -> FloatArray:
-        """Where the lidar was at `time` (2,) m, in the robot frame at the end of the turn."""
+        """Where the lidar was at `time` (2,) m, in the robot frame at the end of the scan."""
         carried = path.carry(self._mounting[None, :2], np.array([time]), scan.time)
         return np.asarray(carried[0])
 

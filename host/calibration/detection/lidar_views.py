@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.detection.blind_sectors import Sector
+from host.calibration.detection.blind_sectors import FoundSector
 from host.calibration.detection.crossings import Crossings, true_path
 from host.calibration.detection.range_curve import Views
 from host.calibration.gathered import Gathered, Tracks
+from host.calibration.robust.statistics import ratio_variance
 from host.config import Lidar
 from host.drivers.x4.packets import angle_correction
 from host.errors import UserError
@@ -17,7 +18,7 @@ from host.messages import BoolArray, FloatArray, Positions, Scan
 from host.perception import turrets
 
 GATE_M = 0.12  # a candidate is the teammate this near: half of what robots keep apart
-_SEARCH_M = 0.5  # how far candidates are looked for, to tell a wrong mounting
+_SEARCH_M = 0.5  # how far candidates are looked for, by which a wrong mounting is noticed
 _HIDING_M = 0.12  # a thing nearer by more than this hides
 _EVERYWHERE_M = 12.0  # the curve is that of the finder, however much of it is used
 _CORE = 0.8  # of the turret's radius: samples further aside may be of what is behind
@@ -29,14 +30,14 @@ _NEAREST_RANGE_M = 0.3  # as the finder has it: noise falls no further
 
 @dataclass(frozen=True, slots=True)
 class LidarSurvey:
-    """What one drive's scans show, held against the truth: turns (s,), views (n,).
+    """What one drive's scans show, held against the truth: scans (s,), views (n,).
 
-    times (s,): ends of the turns. views: of teammates in plain view, be it where the lidar is
+    times (s,): ends of the scans. views: of teammates in plain view, be it where the lidar is
     blind. offsets (n, 2) m: the nearest candidate minus the truth, along and across the line of
     sight, nan where there is none in half a metre. nulls (n,): share of the samples on the
     teammate that gave no return. scatter (n, 2): squares (summed) of how far samples are off the
     fitted circle, in units of the range noise of 1 m, and how many are free of the fit.
-    false (f, 3): turn and place on the floor of candidates that are no teammates, within the
+    false (f, 3): scan and place on the floor of candidates that are no teammates, within the
     range that is used. areas (s,) m²: what was in view, there; 0 where not all were tracked.
     clearances (s, SECTORS) m and robots (s, 3): see Positions; the robot on the floor.
     """
@@ -53,7 +54,7 @@ class LidarSurvey:
 
 
 def open_to(
-    bearings: FloatArray, distances: FloatArray, sectors: list[Sector], lidar: Lidar
+    bearings: FloatArray, distances: FloatArray, sectors: list[FoundSector], lidar: Lidar
 ) -> BoolArray:
     """Which directions (n,) rad show a turret at distances (n,) m clear of all blind sectors."""
     half = np.arcsin(np.minimum(0.5 * lidar.target_diameter_m / distances, 1.0))
@@ -72,7 +73,7 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
     scans = _tracked(gathered.scans, tracks)
     if not scans:
         raise UserError(
-            "no turn of the lidar can be compared with motion capture",
+            "no revolution of the lidar can be compared with motion capture",
             "the robot's own body was not tracked during any of them",
             "check that the robot is in the capture volume, and that both run at the same time",
         )
@@ -89,22 +90,24 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
         if found.clearance is not None:
             clearances[s] = found.clearance
         for j in np.flatnonzero(plain[s]).tolist():
-            if not hidden(crossings.places[s, j : j + 1], clearances[s : s + 1], lidar)[0]:
+            if not behind_something(crossings.places[s, j : j + 1], clearances[s : s + 1], lidar)[
+                0
+            ]:
                 rows.append((s, j))
                 measured.append(_view(scan, found, crossings, (s, j), path, lidar))
         if np.isfinite(crossings.ways[s]).all():
             areas[s] = visible_area(scan, lidar.max_range_m)
             false.append(_false(s, found, crossings, lidar))
-    turns, mates = np.array(rows, dtype=np.int64).reshape(-1, 2).T
+    which, mates = np.array(rows, dtype=np.int64).reshape(-1, 2).T
     table = np.array(measured).reshape(-1, 5)
     views = Views(
-        times=crossings.times[turns, mates],
+        times=crossings.times[which, mates],
         teammates=tracks.identities[mates],
-        distances=crossings.distances[turns, mates],
-        bearings=crossings.bearings[turns, mates],
+        distances=crossings.distances[which, mates],
+        bearings=crossings.bearings[which, mates],
         seen=np.hypot(table[:, 0], table[:, 1]) < GATE_M,
-        caught=np.ones(len(turns)),
-        mistaken=np.zeros(len(turns)),
+        caught=np.ones(len(which)),
+        mistaken=np.zeros(len(which)),
     )
     return LidarSurvey(
         np.array([scan.time for scan in scans]),
@@ -127,7 +130,7 @@ def _tracked(scans: list[Scan], tracks: Tracks) -> list[Scan]:
     return [scans[k] for k in np.flatnonzero(known)]
 
 
-def hidden(places: FloatArray, clearances: FloatArray, lidar: Lidar) -> BoolArray:
+def behind_something(places: FloatArray, clearances: FloatArray, lidar: Lidar) -> BoolArray:
     """Which turrets at places (n, 2) m the scans show to be behind something nearer, in part.
 
     clearances (n, SECTORS) m. What hides is nearer than the turret, so this does not depend on
@@ -138,7 +141,7 @@ def hidden(places: FloatArray, clearances: FloatArray, lidar: Lidar) -> BoolArra
     half = np.arcsin(np.minimum(0.5 * lidar.target_diameter_m / distance, 1.0))
     rays = wrap(bearing[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 5))
     free = np.take_along_axis(clearances, sector(rays), axis=1)
-    # A sector of no samples tells nothing.
+    # A sector of no samples shows nothing.
     free = np.where(free > 0.0, free, np.inf)
     return np.asarray(free.min(axis=1) < distance - _HIDING_M)
 
@@ -214,7 +217,7 @@ def _scatter(points: FloatArray, ray: FloatArray, lidar: Lidar) -> tuple[float, 
 
 
 def _false(s: int, found: Positions, crossings: Crossings, lidar: Lidar) -> FloatArray:
-    """Candidates (f, 3) of a turn that no teammate is near: turn, place on the floor."""
+    """Candidates (f, 3) of a scan that no teammate is near: scan, place on the floor."""
     mount = np.array([lidar.x_m, lidar.y_m])
     used = np.hypot(*(found.positions - mount).T) <= lidar.max_range_m
     away = np.hypot(*np.moveaxis(found.positions[:, None] - crossings.places[s], 2, 0))
@@ -223,7 +226,7 @@ def _false(s: int, found: Positions, crossings: Crossings, lidar: Lidar) -> Floa
 
 
 def range_noise(survey: LidarSurvey, chosen: BoolArray) -> tuple[float, float]:
-    """Standard deviation (m) of one sample at 1 m, and its own; nan where no view tells it.
+    """Standard deviation (m) of one sample at 1 m, and its own; nan where no view is of use.
 
     chosen (n,): the views to go by.
     """
@@ -231,6 +234,6 @@ def range_noise(survey: LidarSurvey, chosen: BoolArray) -> tuple[float, float]:
     if free.sum() < 1.0:
         return math.nan, math.nan
     variance = float(squares.sum() / free.sum())
-    off = np.bincount(survey.views.part(chosen).blocks, squares - variance * free)
-    spread = math.sqrt(float((off**2).sum())) / float(free.sum())
+    blocks = survey.views.part(chosen).blocks
+    spread = math.sqrt(ratio_variance(squares, free, variance, blocks))
     return math.sqrt(variance), 0.5 * spread / math.sqrt(max(variance, 1e-12))

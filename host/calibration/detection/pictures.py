@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from host.calibration.detection.blind_sectors import Sector
+from host.calibration.detection.blind_sectors import FoundSector
 from host.calibration.detection.camera_views import CameraSurvey
 from host.calibration.detection.clutter import Clutter
 from host.calibration.detection.lidar_views import LidarSurvey
@@ -22,7 +22,7 @@ def lidar_pictures(
     survey: LidarSurvey,
     clear: BoolArray,
     curve: RangeCurve,
-    sectors: list[Sector],
+    sectors: list[FoundSector],
     clutter: Clutter,
 ) -> list[ReportPicture]:
     """Detection by range and by bearing, what is off, and clutter; clear (n,): not blind."""
@@ -120,7 +120,7 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
     )
 
 
-def _by_bearing(sensor: str, views: Views, sectors: list[Sector]) -> ReportPicture:
+def _by_bearing(sensor: str, views: Views, sectors: list[FoundSector]) -> ReportPicture:
     edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
     middles, shares = _shares(views.bearings, views.seen, edges)
     line = np.radians(np.arange(-180.0, 180.0, 0.25))

@@ -2,7 +2,7 @@
 
 The curve is eq. 19 and 30 of Perera 2021 in their common form: p(r) = most / (1 + exp(k (r - h))).
 It is fitted by maximum likelihood. What is seen now is mostly seen a moment later too, so the
-covariance sums the scores of whole seconds of one teammate (the "sandwich" of robust statistics).
+covariance is a sandwich over blocks of time of one teammate.
 """
 
 import math
@@ -10,12 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.robust.statistics import (
+    bent_factor,
+    block_sums,
+    blocks_of,
+    ratio_variance,
+    sandwich,
+)
 from host.messages import BoolArray, FloatArray, IntArray
 
 BLOCK_S = 5.0  # views of one teammate so near in time count as one piece of evidence
-_SIDE_VIEWS, _SIDE_BLOCKS = 20, 2  # needed on both sides of the half-range, to tell it
+_SIDE_VIEWS, _SIDE_BLOCKS = 20, 2  # needed on both sides of the half-range to fit it
 _LEAST_P = 1e-6
-# A guess worth one view keeps what the data leave open from running away.
+# A weak prior worth one observation: of what is not observable. See `_cost`.
 _STEEPNESS, _STEEPNESS_SPREAD = 5.0, 1.0  # 1/m, and how far off its logarithm may be
 _BOUNDS = (-6.0, 0.1, math.log(0.3)), (7.0, 11.9, math.log(90.0))
 _MOST_STEPS, _MOST_HALVINGS, _LEAST_GAIN = 60, 12, 1e-7
@@ -24,7 +31,7 @@ _STARTS_M = (1.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """When a teammate stood in plain view of a sensor, and whether the sensor told of it.
+    """When a teammate stood in plain view of a sensor, and whether the sensor saw it.
 
     All (n,): times s, teammates (numbers), distances m, bearings rad (robot frame), seen. caught
     (n,): the share of true readings that lie near enough to be taken for it; mistaken (n,): how
@@ -57,15 +64,14 @@ class Views:
     @property
     def blocks(self) -> IntArray:
         """Which piece of evidence each view belongs to (n,), from 0 on without gaps."""
-        pieces = np.stack((self.teammates, np.floor(self.times / BLOCK_S).astype(np.int64)))
-        return np.unique(pieces, axis=1, return_inverse=True)[1].reshape(-1)
+        return blocks_of(self.times, BLOCK_S, self.teammates)
 
 
 @dataclass(frozen=True, slots=True)
 class RangeCurve:
     """A fitted curve. values (3,): most, half-range (m), steepness (1/m), covariance (3, 3).
 
-    reached: there are views enough beyond the half-range to tell it. Where not, half-range and
+    reached: there are views enough beyond the half-range to fit it. Where not, half-range and
     steepness are those that were configured, with nan for their variances, unless the views go
     beyond that half-range and so speak against it. reach_m: how far the views go.
     """
@@ -120,7 +126,7 @@ def _logistic(x: float) -> float:
 def _best(views: Views, repeats: float, start: FloatArray) -> FloatArray:
     """The likeliest parameters (logit of most, half-range, log of steepness): Fisher scoring.
 
-    repeats: views that tell no more than one does; the guess is worth one that does.
+    repeats: correlated views per independent one; the prior is worth one independent view.
     """
     low, high = _BOUNDS
     parameters, cost = start, _cost(views, repeats, start)
@@ -146,30 +152,30 @@ def _cost(views: Views, repeats: float, parameters: FloatArray) -> float:
     odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
     most = _logistic(parameters[0])
     chosen = np.where(views.seen, probability, 1.0 - probability)
-    guess = 0.5 * float(odd) ** 2 - 0.5 * math.log(most * (1.0 - most))
-    return guess - float(np.log(chosen).sum()) / repeats
+    prior = 0.5 * float(odd) ** 2 - 0.5 * math.log(most * (1.0 - most))
+    return prior - float(np.log(chosen).sum()) / repeats
 
 
 def _slopes(views: Views, repeats: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """First (3,) and expected second derivatives (3, 3) of the cost."""
     scores, information = _scores(views, parameters)
     odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
-    guess = np.array([_logistic(parameters[0]) - 0.5, 0.0, odd / _STEEPNESS_SPREAD])
+    prior = np.array([_logistic(parameters[0]) - 0.5, 0.0, odd / _STEEPNESS_SPREAD])
     curvature = information / repeats + _curvature(parameters)
-    return guess - scores.sum(axis=0) / repeats, curvature + 1e-9 * np.eye(3)
+    return prior - scores.sum(axis=0) / repeats, curvature + 1e-9 * np.eye(3)
 
 
 def _curvature(parameters: FloatArray) -> FloatArray:
-    """Second derivatives (3, 3) of the guess."""
+    """Second derivatives (3, 3) of the prior's cost."""
     most = _logistic(parameters[0])
     return np.diag([most * (1.0 - most), 0.0, 1.0 / _STEEPNESS_SPREAD**2])
 
 
 def _repeats(views: Views, parameters: FloatArray, blocks: IntArray) -> float:
-    """How many views tell no more than one would that depends on no other."""
+    """Correlated views per independent one."""
     probability = _probability(views, parameters)
     off = (views.seen - probability) / np.sqrt(probability * (1.0 - probability))
-    return max(1.0, float(np.sum(np.bincount(blocks, off) ** 2) / np.sum(off**2)))
+    return max(1.0, float(np.sum(block_sums(off, blocks) ** 2) / np.sum(off**2)))
 
 
 def _probability(views: Views, parameters: FloatArray) -> FloatArray:
@@ -201,14 +207,13 @@ def _covariance(
     Where hardly anything was missed close by, scores are nearly all 0 and say too little.
     """
     scores, information = _scores(views, parameters)
-    count = int(blocks.max()) + 1
-    sums = np.stack([np.bincount(blocks, column, count) for column in scores.T], axis=1)
-    inverse = np.linalg.pinv(information + repeats * _curvature(parameters), hermitian=True)
-    few = count / max(count - 1.0, 1.0)
-    sandwich = few * inverse @ (sums.T @ sums) @ inverse
+    sums = block_sums(scores, blocks)
+    information = information + repeats * _curvature(parameters)
+    inverse = np.asarray(np.linalg.pinv(information, hermitian=True), dtype=float)
+    found = sandwich(inverse, bent_factor(len(sums), 1) * sums.T @ sums)
     least = repeats * np.diagonal(inverse)
-    grown = np.sqrt(np.maximum(least / np.maximum(np.diagonal(sandwich), 1e-12), 1.0))
-    return np.asarray(sandwich * np.outer(grown, grown))
+    grown = np.sqrt(np.maximum(least / np.maximum(np.diagonal(found), 1e-12), 1.0))
+    return np.asarray(found * np.outer(grown, grown))
 
 
 def _only_most(views: Views, configured: tuple[float, float], reach: float) -> RangeCurve:
@@ -218,10 +223,8 @@ def _only_most(views: Views, configured: tuple[float, float], reach: float) -> R
     true = views.seen - views.mistaken  # each on average caught * most * share
     expected = views.caught * share * (1.0 - views.mistaken)
     most = float(np.clip(true.sum() / expected.sum(), 1e-3, 1.0 - 0.5 / (len(views) + 1.0)))
-    blocks = views.blocks
-    off = np.bincount(blocks, true - most * expected)
     # Not one miss in n blocks does not mean that there are none.
-    variance = float((off**2).sum()) / expected.sum() ** 2 + (0.5 / len(views)) ** 2
+    variance = ratio_variance(true, expected, most, views.blocks) + (0.5 / len(views)) ** 2
     covariance = np.full((3, 3), math.nan)
     covariance[0, 0] = variance
     return RangeCurve(np.array([most, half, steepness]), covariance, False, reach)

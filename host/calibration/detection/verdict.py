@@ -1,147 +1,134 @@
-"""Is there enough to tell detection from, and what is still missing while the robot drives?"""
+"""Are there views enough to fit detection to, and what is still missing while the robot drives?"""
 
 import math
 
 import numpy as np
 
-from host.calibration.detection.camera_views import CameraSurvey
+from host.calibration.detection.camera_views import GATE_SIGMAS, CameraSurvey
 from host.calibration.detection.lidar_views import LidarSurvey
 from host.calibration.detection.range_curve import RangeCurve, Views
 from host.calibration.gathered import Gathered, Tracks
-from host.calibration.result import Check
+from host.calibration.result import Check, at_least, at_most
 from host.config import Cameras, Lidar
 from host.errors import UserError
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
 
-_LEAST_TURNS, _LEAST_PICTURES, _LEAST_VIEWS = 300, 300, 200
+_LEAST_SCANS, _LEAST_PICTURES, _LEAST_VIEWS = 300, 300, 200
 _NEAR_M, _FAR_M, _LEAST_SIDE_VIEWS = 1.0, 1.5, 30
 _DIRECTIONS, _LEAST_A_DIRECTION = 12, 3
 _LEAST_HEADINGS = 9
-_BESIDE_M, _BESIDE_SHARE = 0.06, 1.5  # candidates further from the truth: a wrong mounting
+_BESIDE_M = 0.06  # candidates further from the truth: a wrong mounting
 _NOWHERE_M = 0.5  # where candidates are not looked for any more
 _MEAN_ERROR_RAD, _MEAN_SHARE = math.radians(1.0), 0.5
-_LEAST_FREE_RAD = 200.0  # over all pictures; one turn of 6.3 rad a picture where nobody is
+_LEAST_FREE_RAD = 200.0  # over all pictures; 6.3 rad a picture where nobody is
 _ADVICE_FRAMES = 300
-_WANTED_S = 60.0
+_ENOUGH_S = 60.0
 _MISSING_NAMED = 3
 
 
-def lidar_checks(
+def lidar_verdict(
     survey: LidarSurvey, clear: BoolArray, curve: RangeCurve, lidar: Lidar
 ) -> list[Check]:
     """Conditions on what the lidar saw; clear (n,): the views outside of its blind sectors."""
     off = np.hypot(*survey.offsets[clear].T)
     off = off[np.isfinite(off)]
-    beside = float(np.median(off)) if len(off) else _NOWHERE_M
-    headings = directions(survey.robots[:, 2])
     return [
-        _at_least("turns of the lidar", len(survey.times), _LEAST_TURNS, "", "drive on for longer"),
-        _at_least(
-            "directions the robot turned to",
-            headings,
+        _count("revolutions of the lidar", len(survey.times), _LEAST_SCANS, "drive on for longer"),
+        _count(
+            "directions the robot had",
+            directions(survey.robots[:, 2]),
             _LEAST_HEADINGS,
-            "",
-            "turn the robot all around: a dark wall and a pillar look alike until it does",
+            "rotate the robot all around: a dark wall and a pillar look alike until it does",
         ),
-        Check(
-            name="candidates beside the truth",
-            value=1e3 * beside,
-            threshold=1e3 * _BESIDE_M,
-            unit="mm",
-            passed=beside <= _BESIDE_M,
-            advice="most turrets are found beside where motion capture has the teammates: run "
+        at_most(
+            "candidates beside the truth",
+            float(np.median(off)) if len(off) else _NOWHERE_M,
+            _BESIDE_M,
+            "mm",
+            "most turrets are found beside where motion capture has the teammates: run "
             "`swarmloc calibrate lidar` first",
         ),
         *_view_checks("lidar", survey.views.part(clear)),
-        _kept_half_range("lidar", curve, lidar.half_range_m),
+        *_kept_half_range("lidar", curve, lidar.half_range_m),
     ]
 
 
-def camera_checks(
-    survey: CameraSurvey, curve: RangeCurve, camera: Cameras, mean: float
+def camera_verdict(
+    survey: CameraSurvey, curve: RangeCurve, cameras: Cameras, mean: float
 ) -> list[Check]:
     """Conditions on what the cameras saw; mean (rad): the mean error of their bearings."""
-    spread = survey.gate / 3.0
-    most = max(_MEAN_ERROR_RAD, _MEAN_SHARE * spread)
     return [
-        _at_least("pictures", len(survey.times), _LEAST_PICTURES, "", "drive on for longer"),
-        Check(
-            name="mean error of the bearings",
-            value=math.degrees(abs(mean)),
-            threshold=math.degrees(most),
-            unit="deg",
-            passed=abs(mean) <= most,
-            advice="the cameras see teammates beside where they are: run `swarmloc calibrate "
-            "camera` first",
+        _count("pictures", len(survey.times), _LEAST_PICTURES, "drive on for longer"),
+        at_most(
+            "mean error of the bearings",
+            abs(mean),
+            max(_MEAN_ERROR_RAD, _MEAN_SHARE * survey.gate / GATE_SIGMAS),
+            "deg",
+            "the cameras see teammates beside where they are: run `swarmloc calibrate camera` "
+            "first",
         ),
         *_view_checks("camera", survey.views),
-        _at_least(
+        at_least(
             "view free of teammates",
             float(survey.free.sum()),
             _LEAST_FREE_RAD,
             "rad",
-            "false blobs are told apart only away from teammates: use fewer of them, or drive on",
+            "false blobs are recognised only away from teammates: use fewer of them, or drive on",
         ),
-        _kept_half_range("camera", curve, camera.half_range_m),
+        *_kept_half_range("camera", curve, cameras.half_range_m),
     ]
 
 
-def _at_least(name: str, value: float, threshold: float, unit: str, advice: str) -> Check:
-    return Check(
-        name=name,
-        value=float(value),
-        threshold=float(threshold),
-        unit=unit,
-        passed=bool(value >= threshold),
-        advice=advice,
-    )
+def _count(name: str, count: int, least: int, advice: str) -> Check:
+    return at_least(name, count, least, "", advice)
 
 
 def _view_checks(sensor: str, views: Views) -> list[Check]:
     near, far = views.distances < _NEAR_M, views.distances > _FAR_M
-    return [
-        _at_least(
-            f"{sensor}: views of teammates",
+    rows = (
+        (
+            "views of teammates",
             len(views),
             _LEAST_VIEWS,
-            "",
             "keep teammates in plain view, apart from each other, and drive on for longer",
         ),
-        _at_least(
-            f"{sensor}: views nearer than {_NEAR_M:g} m",
+        (
+            f"views nearer than {_NEAR_M:g} m",
             int(near.sum()),
             _LEAST_SIDE_VIEWS,
-            "",
             "drive close to teammates",
         ),
-        _at_least(
-            f"{sensor}: views beyond {_FAR_M:g} m",
+        (
+            f"views beyond {_FAR_M:g} m",
             int(far.sum()),
             _LEAST_SIDE_VIEWS,
-            "",
             "drive further away from teammates",
         ),
-        _at_least(
-            f"{sensor}: directions with views of teammates",
+        (
+            "directions with views of teammates",
             directions(views.bearings),
             _DIRECTIONS - 1,
-            "",
             "drive so that teammates are seen on all sides of the robot",
         ),
-    ]
-
-
-def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> Check:
-    return Check(
-        name=f"{sensor}: half-range",
-        value=configured_m,
-        threshold=curve.reach_m,
-        unit="m",
-        passed=curve.reached or configured_m > curve.reach_m,
-        advice=f"teammates are still detected at {curve.reach_m:.1f} m, beyond the configured "
-        "half-range: drive further away from them",
     )
+    return [_count(f"{sensor}: {name}", n, least, advice) for name, n, least, advice in rows]
+
+
+def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> list[Check]:
+    """Of a half-range that is kept: no views that speak against it."""
+    if curve.reached:
+        return []
+    return [
+        at_most(
+            f"{sensor}: views within the half-range that is kept",
+            curve.reach_m,
+            configured_m,
+            "m",
+            f"teammates are still detected at {curve.reach_m:.1f} m, beyond the configured "
+            "half-range: drive further away from them",
+        )
+    ]
 
 
 def directions(bearings: FloatArray) -> int:
@@ -155,7 +142,7 @@ def _by_direction(bearings: FloatArray) -> FloatArray:
     return np.histogram(known, edges)[0].astype(float)
 
 
-def advice(gathered: Gathered) -> list[str]:
+def detection_advice(gathered: Gathered) -> list[str]:
     """What is still missing while the robot drives, in words; empty when there is enough."""
     if not gathered.bodies:
         return ["no motion capture yet"]
@@ -172,8 +159,8 @@ def advice(gathered: Gathered) -> list[str]:
     distances, bearings = np.hypot(*seen.T), np.arctan2(*seen.T[::-1])
     length = gathered.bodies[-1].time - gathered.bodies[0].time
     found = []
-    if length < _WANTED_S - 1.0:
-        found.append(f"drive for {_WANTED_S:.0f} s: {length:.0f} s so far")
+    if length < _ENOUGH_S - 1.0:
+        found.append(f"drive for {_ENOUGH_S:.0f} s: {length:.0f} s so far")
     nearest, farthest = float(distances.min(initial=99.0)), float(distances.max(initial=0.0))
     if (distances < _NEAR_M).sum() < _LEAST_A_DIRECTION:
         found.append(f"drive nearer to teammates than {_NEAR_M:g} m: {nearest:.1f} m so far")
@@ -181,7 +168,7 @@ def advice(gathered: Gathered) -> list[str]:
         found.append(f"drive further from teammates than {_FAR_M:g} m: {farthest:.1f} m so far")
     headings = directions(tracks.own(times)[:, 2])
     if gathered.scans and headings < _LEAST_HEADINGS:
-        found.append(f"turn all around: {headings} of {_DIRECTIONS} directions so far")
+        found.append(f"rotate all around: {headings} of {_DIRECTIONS} directions so far")
     return found + _sides(bearings)
 
 

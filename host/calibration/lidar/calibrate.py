@@ -1,7 +1,7 @@
-"""Where the lidar sits on the robot, how it is turned and how late it is, from teammates it saw.
+"""Where the lidar sits on the robot, its heading and its delay, from teammates it saw.
 
-Motion capture tells where each teammate was in the robot frame; the lidar tells of turrets, some
-of them teammates, in its own frame. The best mounting is searched at each of many delays; at the
+Motion capture has where each teammate was in the robot frame; the lidar has turrets, some of them
+teammates, in its own frame. The best mounting is searched at each of many delays; at the
 best of these, mounting and delay are fitted together.
 """
 
@@ -10,14 +10,15 @@ import math
 import numpy as np
 
 from host.calibration.gathered import Gathered, Tracks
+from host.calibration.lidar.pictures import pictures
 from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
 from host.calibration.lidar.verdict import (
+    STEP_S,
     Outcome,
-    checks,
     missing_bearings,
     missing_pairs,
     missing_ranges,
-    pictures,
+    verdict,
 )
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.time_offset import (
@@ -31,30 +32,29 @@ from host.errors import UserError
 from host.geometry import to_parent, wrap
 from host.messages import Bodies, FloatArray, IntArray
 
-_DELAYS_S, _DELAY_STEP_S = (-0.5, 1.0), 0.02  # of what robot.toml may have
-_SCANNED = 500  # turrets that tell the cost at a delay
-_REPAIRED = 3
+_DELAYS_S = (-0.5, 1.0)  # that robot.toml may have
+_SCANNED = 500  # turrets that the cost at a delay is of
+_PAIRING_ROUNDS = 3
 _RISE_SIGMAS = 3.0
-_DEG = math.degrees(1.0)
 _THINNED_S = 0.05  # motion capture is fast; for advice this will do
-_LEAST_TURN = math.pi
-# Std of what repeating does not tell: where within a step of 1/64 deg the lidar's angles begin;
+_LEAST_ROTATION = math.pi
+# Std of what repeating does not show: where within a step of 1/64 deg the lidar's angles begin;
 # when in the time of a byte it is stamped.
 _ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 5e-5
-# Of each row: place among the fitted values, key, name, unit, scale, limit and what is not seen.
+# Of each row: place among the fitted values, key, name, unit, limit and what is not seen.
 _ROWS = (
-    (2, "lidar.heading_rad", "heading of the lidar", "deg", _DEG, math.radians(0.1), _ANGLE_STEP),
-    (0, "lidar.x_m", "x of the lidar", "mm", 1e3, 0.003, 0.0),
-    (1, "lidar.y_m", "y of the lidar", "mm", 1e3, 0.003, 0.0),
-    (3, "lidar.delay_s", "delay of the lidar", "ms", 1e3, 0.005, _BYTE_S),
-    (4, "", "turrets measured too far by", "mm", 1e3, None, 0.0),
+    (2, "lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1), _ANGLE_STEP),
+    (0, "lidar.x_m", "x of the lidar", "mm", 0.003, 0.0),
+    (1, "lidar.y_m", "y of the lidar", "mm", 0.003, 0.0),
+    (3, "lidar.delay_s", "delay of the lidar", "ms", 0.005, _BYTE_S),
+    (4, "", "turrets measured too far by", "mm", None, 0.0),
 )
 
 
 def calibrate(gathered: Gathered) -> Calibration:
     """Fit lidar.heading_rad, x_m, y_m and delay_s to the teammates that motion capture saw.
 
-    Raises UserError where there is nothing to fit: no turns of the lidar, no motion capture of
+    Raises UserError where there is nothing to fit: no revolution of the lidar, no motion capture of
     this robot and a teammate, or no mounting that brings turrets onto teammates.
     """
     tracks = gathered.tracks()
@@ -71,13 +71,13 @@ def calibrate(gathered: Gathered) -> Calibration:
         lambda delay: fit_at(delay, some, tracks)[1],
         _DELAYS_S[0] - configured,
         _DELAYS_S[1] - configured,
-        _DELAY_STEP_S,
+        STEP_S,
     )
     pose, cost = fit_at(curve.best, some, tracks)
     if cost >= NEAR_M**2:
         raise UserError(
             "no mounting of the lidar brings what it saw onto the teammates",
-            "at no delay and no turn do turrets lie where motion capture has teammates",
+            "at no delay and no rotation do turrets lie where motion capture has teammates",
             "see that motion capture streams at the same time, and that [mocap] body is this robot",
         )
     joint, who = _fit_pairs(seen, tracks, np.array([*pose, curve.best, 0.0]))
@@ -87,7 +87,7 @@ def calibrate(gathered: Gathered) -> Calibration:
 
 def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
     """The joint fit, and who each candidate is (n,): a teammate's identity, or -1."""
-    for _ in range(_REPAIRED):
+    for _ in range(_PAIRING_ROUNDS):
         truths = truths_at(tracks, seen.times - values[3])
         index, distance = nearest(to_parent(seen.points, values[:3]), truths)
         who = np.where(distance < NEAR_M, tracks.identities[index], -1)
@@ -142,7 +142,7 @@ def _calibration(
     return Calibration(
         kind="lidar",
         fitted=rows,
-        checks=checks(outcome),
+        checks=verdict(outcome),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
         pictures=pictures(outcome),
@@ -194,7 +194,7 @@ def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
 
     On a circle at constant speed the curvature at the least cost claims far too much.
     """
-    if outcome.told_apart or not np.isfinite(covariance).all():
+    if outcome.separable or not np.isfinite(covariance).all():
         return covariance
     low, high = outcome.plausible
     return np.asarray(covariance * ((0.5 * (high - low)) ** 2 / covariance[3, 3]))
@@ -203,11 +203,10 @@ def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
 def _rows(
     configured: FloatArray, values: FloatArray, covariance: FloatArray, halves: list[FloatArray]
 ) -> tuple[Fitted, ...]:
-    turn = values[2] - float(wrap(values[2]))
-    turned = np.array([0.0, 0.0, turn, 0.0, 0.0])
-    values, halves = values - turned, [half - turned for half in halves]
+    whole = np.array([0.0, 0.0, values[2] - float(wrap(values[2])), 0.0, 0.0])  # circles
+    values, halves = values - whole, [half - whole for half in halves]
     rows = []
-    for k, key, name, unit, scale, limit, unseen in _ROWS:
+    for k, key, name, unit, limit, unseen in _ROWS:
         pair = (float(halves[0][k]), float(halves[1][k]))
         rows.append(
             Fitted(
@@ -219,16 +218,15 @@ def _rows(
                 before=float(configured[k]) if key else None,
                 halves=pair if all(map(math.isfinite, pair)) else None,
                 unit=unit,
-                scale=scale,
             )
         )
     return tuple(rows)
 
 
-def advice(gathered: Gathered) -> list[str]:
+def lidar_advice(gathered: Gathered) -> list[str]:
     """What is still missing for `calibrate`, by the paths alone; empty when enough."""
     if not gathered.scans:
-        return ["no turn of the lidar yet"]
+        return ["no revolution of the lidar yet"]
     if not gathered.bodies:
         return ["motion capture has seen nothing yet"]
     each = slice(None, None, max(round(_THINNED_S * _rate(gathered.bodies)), 1))
@@ -236,19 +234,19 @@ def advice(gathered: Gathered) -> list[str]:
         tracks = Tracks(gathered.bodies[each], gathered.config.mocap)
     except UserError as error:
         return [f"{error.what} ({error.why})"]
-    times = np.array([turn.time for turn in gathered.scans])
+    times = np.array([scan.time for scan in gathered.scans])
     near = [tracks.relative(int(n), times) for n in tracks.identities]
     places = np.concatenate([np.zeros((0, 2)), *near])
     ranges = np.hypot(*places.T)
     in_range = ranges <= gathered.config.lidar.max_range_m
     places, ranges = places[in_range], ranges[in_range]
-    wanted = [
+    missing = [
         missing_pairs(len(places)),
         missing_bearings(np.arctan2(places[:, 1], places[:, 0])),
         missing_ranges(ranges),
-        *_missing_turns(tracks.own(times)[:, 2]),
+        *_missing_rotations(tracks.own(times)[:, 2]),
     ]
-    return [text for text in wanted if text]
+    return [text for text in missing if text]
 
 
 def _rate(bodies: list[Bodies]) -> float:
@@ -256,12 +254,12 @@ def _rate(bodies: list[Bodies]) -> float:
     return (len(bodies) - 1) / max(bodies[-1].time - bodies[0].time, 1e-9)
 
 
-def _missing_turns(headings: FloatArray) -> list[str]:
-    """Which way the robot has not turned enough, by its headings (k,) rad."""
+def _missing_rotations(headings: FloatArray) -> list[str]:
+    """Which way the robot has not rotated enough, by its headings (k,) rad."""
     steps = np.diff(headings[np.isfinite(headings)])
-    turned = {"left": steps[steps > 0.0].sum(), "right": np.abs(steps[steps < 0.0]).sum()}
+    rotated = {"left": steps[steps > 0.0].sum(), "right": np.abs(steps[steps < 0.0]).sum()}
     return [
-        f"turn to the {way}: {math.degrees(angle):.0f} deg so far"
-        for way, angle in turned.items()
-        if angle < _LEAST_TURN
+        f"rotate to the {way}: {math.degrees(angle):.0f} deg so far"
+        for way, angle in rotated.items()
+        if angle < _LEAST_ROTATION
     ]

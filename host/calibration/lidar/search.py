@@ -1,7 +1,7 @@
 """Which mounting of the lidar brings turrets that it saw onto teammates, at any one delay.
 
-Who is who is not known, and the lidar may be turned by any angle: all turns are tried, by how many
-turrets come to lie near a teammate, and the best of them are fitted to the teammate nearest.
+Who is who is not known, and the lidar may be rotated by any angle: all angles are tried, by how
+many turrets come to lie near a teammate, and the best are fitted to the nearest teammate.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ NEAR_M = 0.1  # a teammate's turret lies no farther from the truth, once the mou
 _HEADINGS = np.radians(np.arange(-180.0, 180.0, 10.0))
 _TRIED = 2  # of the headings, at each delay
 _COARSE_M, _ERRORS_M = 0.4, (0.3, 0.2, NEAR_M)  # the same, before it is
-_SCORED = 250  # turrets that tell the cost at a heading
+_SCORED = 250  # turrets that the cost at a heading is of
 _LEAST_PAIRS = 30
 _SEED = 20240601
 
@@ -38,21 +38,21 @@ class Turrets:
 
     def some(self, count: int) -> "Turrets":
         """At most `count` of them, in order."""
-        # Drawn, since every n-th might be the same post in every turn.
+        # Drawn, since every n-th might be the same post in every revolution.
         drawn = np.sort(np.random.default_rng(_SEED).permutation(len(self.times))[:count])
         return Turrets(self.times[drawn], self.points[drawn], self.sigmas[drawn])
 
 
 def find_turrets(scans: list[Scan], lidar: Lidar) -> Turrets:
-    """The candidates of all turns, in the lidar's own frame: each at its own time, not carried."""
+    """All candidates in the lidar's own frame: each at its own time, not carried."""
     bare = lidar.model_copy(update={"x_m": 0.0, "y_m": 0.0, "heading_rad": 0.0})
     stay = Path()
-    found = [turrets.find(turn, bare, stay) for turn in scans]
+    found = [turrets.find(scan, bare, stay) for scan in scans]
     times = [p.time - (p.lags if p.lags is not None else np.zeros(len(p.positions))) for p in found]
     if sum(len(t) for t in times) < _LEAST_PAIRS:
         raise UserError(
             "the lidar saw no turrets",
-            f"{sum(len(t) for t in times)} in {len(scans)} turns",
+            f"{sum(len(t) for t in times)} in {len(scans)} revolutions",
             "put a teammate 0.5 to 2 m away in plain view; its turret's width is "
             f"lidar.target_diameter_m ({lidar.target_diameter_m} m)",
         )

@@ -1,11 +1,11 @@
-"""What a fit of the lidar's mounting is worth: coverage, checks and pictures."""
+"""Whether a fit of the lidar's mounting is to be used, and what to do where it is not."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.result import Check, ReportPicture, Series
+from host.calibration.result import Check, at_least, at_most
 from host.calibration.robust.time_offset import DelayCurve
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
@@ -23,10 +23,10 @@ _SECTORS = (
 _LEAST_SECTORS, _LEAST_IN_SECTOR = 7, 10
 _LEAST_RANGES_M = 0.6
 _LEAST_PAIRS, _LEAST_SHARE = 100, 0.1
-_WIDEST_S = 0.1
+WIDEST_S = 0.1  # of the plausible delays
+STEP_S = 0.02  # from one delay that is searched to the next
+_LEAST_BEYOND_S = 0.5 * STEP_S
 _LARGEST_RMS_M = 0.02
-_BIAS_M = 0.005
-_PIECES, _LEAST_IN_PIECE = 12, 5
 _PERCENTILES = [5.0, 95.0]
 
 
@@ -37,7 +37,7 @@ class Outcome:
     truths (n, 2) m: where these were, in the robot frame; errors, before (n, 2) m: where the lidar
     put them, less the truth, as fitted and as configured. used (n,): not rejected as wrong.
     origin (2,) m: the lidar. candidates: all turrets. curve: cost by the delay in all;
-    plausible: from which to which delay (s) it does not rise.
+    plausible: from which to which delay (s) it does not rise significantly.
     """
 
     truths: FloatArray
@@ -50,11 +50,16 @@ class Outcome:
     plausible: tuple[float, float]
 
     @property
-    def told_apart(self) -> bool:
-        """Whether the path tells the delay from a turn of the lidar."""
-        low, high = self.plausible
+    def beyond(self) -> float:
+        """How far (s) the delays searched go on beyond the plausible ones, on the shorter side."""
         first, last = self.curve.delays[[0, -1]]
-        return bool(high - low <= _WIDEST_S and low > first and high < last)
+        return float(min(self.plausible[0] - first, last - self.plausible[1]))
+
+    @property
+    def separable(self) -> bool:
+        """Whether the path separates the delay from a rotation of the lidar."""
+        low, high = self.plausible
+        return high - low <= WIDEST_S and self.beyond >= _LEAST_BEYOND_S
 
     @property
     def share(self) -> float:
@@ -105,167 +110,74 @@ def missing_ranges(ranges: FloatArray) -> str:
 
 
 def missing_pairs(count: int) -> str:
-    """How many more turns with a teammate in range are needed, as an advice, or ""."""
+    """How many more revolutions with a teammate in range are needed, as an advice, or ""."""
     if count >= _LEAST_PAIRS:
         return ""
-    return f"go on driving: a teammate in range in {count} turns, {_LEAST_PAIRS} are needed"
+    return f"go on driving: a teammate in range in {count} revolutions, {_LEAST_PAIRS} are needed"
 
 
-def checks(outcome: Outcome) -> tuple[Check, ...]:
+def verdict(outcome: Outcome) -> tuple[Check, ...]:
     """The conditions under which the fit is to be used."""
     ranges, bearings = outcome.polar
-    sectors = len(_SECTORS) - len(missing_sectors(bearings))
     span = float(np.ptp(np.percentile(ranges, _PERCENTILES))) if len(ranges) else 0.0
-    count = int(np.count_nonzero(outcome.used))
+    return (
+        at_least(
+            "teammates seen",
+            int(np.count_nonzero(outcome.used)),
+            _LEAST_PAIRS,
+            "",
+            "record for longer, with a teammate 0.5 to 2 m away",
+        ),
+        at_least(
+            "turrets that are teammates",
+            outcome.share,
+            _LEAST_SHARE,
+            "%",
+            "see that [mocap] body is this robot, that every robot on the floor has a body, and "
+            "clear the floor of other things as thin as a turret",
+        ),
+        *_delay_checks(outcome),
+        at_least(
+            "bearings covered",
+            len(_SECTORS) - len(missing_sectors(bearings)),
+            _LEAST_SECTORS,
+            "of 8 directions",
+            missing_bearings(bearings),
+        ),
+        at_least("ranges covered", span, _LEAST_RANGES_M, "m", missing_ranges(ranges)),
+        at_most(
+            "residual",
+            outcome.rms,
+            _LARGEST_RMS_M,
+            "mm rms",
+            "the lidar and motion capture do not agree: see that the bodies' origins are above the "
+            "middle of the turrets, and that lidar.target_diameter_m is right",
+        ),
+    )
+
+
+def _delay_checks(outcome: Outcome) -> tuple[Check, Check]:
+    """That one delay stands out, and that it is not at an end of those that were searched."""
     low, high = outcome.plausible
+    first, last = outcome.curve.delays[[0, -1]]
+    end = "longest" if last - high < low - first else "shortest"
     return (
-        Check(
-            name="teammates seen",
-            value=count,
-            threshold=_LEAST_PAIRS,
-            unit="",
-            passed=count >= _LEAST_PAIRS,
-            advice="record for longer, with a teammate 0.5 to 2 m away",
+        at_most(
+            "delays that fit as well as the best",
+            high - low,
+            WIDEST_S,
+            "ms",
+            f"all delays from {1e3 * low:.0f} to {1e3 * high:.0f} ms fit as well, since on a path "
+            "like a circle at constant speed, delay and rotation of the lidar are one; rotate "
+            "both ways, and change the speed",
         ),
-        Check(
-            name="turrets that are teammates",
-            value=100.0 * outcome.share,
-            threshold=100.0 * _LEAST_SHARE,
-            unit="%",
-            passed=outcome.share >= _LEAST_SHARE,
-            advice="see that [mocap] body is this robot, that every robot on the floor has a "
-            "body, and clear the floor of other things as thin as a turret",
+        at_least(
+            "delays searched beyond those that fit",
+            outcome.beyond,
+            _LEAST_BEYOND_S,
+            "ms",
+            f"of the delays searched, {1e3 * first:.0f} to {1e3 * last:.0f} ms, the {end} fits "
+            "about as well as the best, so the true one may lie beyond: see that lidar and motion "
+            "capture are stamped by one clock, or rotate both ways and change the speed",
         ),
-        Check(
-            name="delay told apart from rotation",
-            value=1e3 * (high - low),
-            threshold=1e3 * _WIDEST_S,
-            unit="ms",
-            passed=outcome.told_apart,
-            advice=f"all delays from {1e3 * low:.0f} to {1e3 * high:.0f} ms fit as well, since on "
-            "a path like a circle at constant speed, delay and turn of the lidar are one; "
-            "turn both ways, and change the speed",
-        ),
-        Check(
-            name="bearings covered",
-            value=sectors,
-            threshold=_LEAST_SECTORS,
-            unit="of 8 directions",
-            passed=sectors >= _LEAST_SECTORS,
-            advice=missing_bearings(bearings),
-        ),
-        Check(
-            name="ranges covered",
-            value=span,
-            threshold=_LEAST_RANGES_M,
-            unit="m",
-            passed=span >= _LEAST_RANGES_M,
-            advice=missing_ranges(ranges),
-        ),
-        Check(
-            name="residual",
-            value=1e3 * outcome.rms,
-            threshold=1e3 * _LARGEST_RMS_M,
-            unit="mm rms",
-            passed=outcome.rms <= _LARGEST_RMS_M,
-            advice="the lidar and motion capture do not agree: see that the bodies' origins are "
-            "above the middle of the turrets, and that lidar.target_diameter_m is right",
-        ),
-    )
-
-
-def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
-    """Coverage, residuals by range and by bearing, the delay curve, before and after."""
-    ranges, bearings = outcome.polar
-    used = outcome.truths[outcome.used]
-    rejected = outcome.truths[~outcome.used]
-    return (
-        ReportPicture(
-            title="Coverage",
-            x_label="x (ahead), m",
-            y_label="y (left), m",
-            series=(
-                Series(x=used[:, 0], y=used[:, 1], label="used"),
-                Series(x=rejected[:, 0], y=rejected[:, 1], label="rejected as wrong"),
-            ),
-            caption="Where teammates truly were when the lidar saw them, in the robot frame. "
-            "Good is all around, near and far.",
-            equal=True,
-        ),
-        _residuals(outcome, ranges, "range", "m", _bias(outcome)),
-        _residuals(outcome, np.degrees(bearings), "bearing", "deg", _BEARING_CAPTION),
-        ReportPicture(
-            title="Delay",
-            x_label="delay, ms",
-            y_label="rms error, cut off at 100 mm, mm",
-            series=(
-                Series(
-                    x=1e3 * outcome.curve.delays, y=1e3 * np.sqrt(outcome.curve.costs), style="line"
-                ),
-            ),
-            caption="How well the best mounting fits at each delay. Good is one narrow dip; "
-            "where it is flat, the path does not tell the delay from a turn of the lidar.",
-        ),
-        ReportPicture(
-            title="Before and after",
-            x_label="error in x, mm",
-            y_label="error in y, mm",
-            series=(
-                _cloud(outcome.before[outcome.used], "as configured"),
-                _cloud(outcome.errors[outcome.used], "as fitted"),
-            ),
-            caption="Where the lidar puts teammates in the robot frame, less where they were.",
-            equal=True,
-        ),
-    )
-
-
-_BEARING_CAPTION = (
-    "A wave once around is a mounting that moved, or a body whose origin is beside the turret."
-)
-
-
-def _cloud(errors: FloatArray, label: str) -> Series:
-    return Series(x=1e3 * errors[:, 0], y=1e3 * errors[:, 1], label=label)
-
-
-def _residuals(
-    outcome: Outcome, x: FloatArray, name: str, unit: str, caption: str
-) -> ReportPicture:
-    along, across = outcome.along_across
-    return ReportPicture(
-        title=f"Residuals by {name}",
-        x_label=f"{name}, {unit}",
-        y_label="error, mm",
-        series=(
-            Series(x=x, y=1e3 * along, label="along the beam"),
-            Series(x=x, y=1e3 * across, label="across"),
-            _medians(x, 1e3 * along),
-        ),
-        caption=caption,
-    )
-
-
-def _medians(x: FloatArray, errors: FloatArray) -> Series:
-    """The median error in each of some equal pieces of x, where there are some."""
-    edges = np.linspace(x.min(), x.max(), _PIECES + 1) if len(x) else np.zeros(_PIECES + 1)
-    piece = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _PIECES - 1)
-    filled = [k for k in range(_PIECES) if np.count_nonzero(piece == k) >= _LEAST_IN_PIECE]
-    return Series(
-        x=np.array([0.5 * (edges[k] + edges[k + 1]) for k in filled]),
-        y=np.array([float(np.median(errors[piece == k])) for k in filled]),
-        label="along the beam, median",
-        style="line",
-    )
-
-
-def _bias(outcome: Outcome) -> str:
-    """Whether turrets lie too far or too near all in all, in words."""
-    along, _ = outcome.along_across
-    bias = float(np.median(along)) if len(along) else 0.0
-    if abs(bias) < _BIAS_M:
-        return f"All in all turrets lie {1e3 * bias:+.1f} mm too far along the beam: no bias."
-    return (
-        f"Turrets lie {1e3 * abs(bias):.0f} mm too {'far' if bias > 0.0 else 'near'} along the "
-        "beam: the fit of the circle is biased, or lidar.target_diameter_m is not the turret's."
     )

@@ -4,7 +4,7 @@ import math
 import textwrap
 from typing import Any
 
-from host.calibration.result import Calibration, Check, Fitted
+from host.calibration.result import Calibration, Check, Fitted, distinct
 
 _COLUMNS = 80
 
@@ -47,18 +47,18 @@ def verdict(row: Fitted | Check) -> str:
 
 def found(check: Check) -> str:
     """What a check found, with its unit."""
-    return f"{check.value:.4g} {check.unit}".rstrip() if math.isfinite(check.value) else "–"
+    if not math.isfinite(check.value):
+        return "–"
+    value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.bound)
+    return f"{value} {check.unit}".rstrip()
 
 
 def needed(check: Check) -> str:
-    """What a check needs: the threshold, on the side of it that the verdict tells."""
-    if not math.isfinite(check.threshold):
+    """The bound of a check, and on which side of it the value must be; "" where any will do."""
+    if not math.isfinite(check.bound):
         return ""
-    over = check.value > check.threshold
-    side = "≥ " if over == check.passed else "≤ "
-    if not math.isfinite(check.value) or check.value == check.threshold:
-        side = ""
-    return f"{side}{check.threshold:.4g} {check.unit}".rstrip()
+    side = "≥" if check.side == "at least" else "≤"
+    return f"{side} {check.bound:.4g} {check.unit}".rstrip()
 
 
 def as_text(calibration: Calibration) -> str:
@@ -127,9 +127,10 @@ def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
             {
                 "name": check.name,
                 "value": _json(check.value),
-                "threshold": _json(check.threshold),
+                "side": check.side,
+                "threshold": _json(check.bound),
                 "unit": check.unit,
-                "passed": bool(check.passed),
+                "passed": check.passed,
                 "advice": check.advice,
             }
             for check in calibration.checks

@@ -2,7 +2,7 @@
 
 Arun 1987 (Belaroussi 2024, section 4.4.1): centre both sets, and take the rotation out of the
 singular value decomposition of their covariance. Where points lie nearly on a line, that gives a
-reflection as readily as a rotation; Umeyama 1991 (eq. 39-40) turns it back.
+reflection as readily as a rotation; Umeyama 1991 (eq. 39-40) corrects the sign.
 """
 
 import math
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.robust.statistics import plane_sigma
 from host.errors import UserError
 from host.geometry import rotation, to_parent
 from host.messages import BoolArray, FloatArray
 
 _TRIALS = 300  # with 60 % wrong pairs the chance that none is of two right ones is 2e-23
-_SCORED = 400  # pairs that tell how good a trial is
+_SCORED = 400  # pairs that a trial is scored by
 _LEAST_SHARE = 0.3  # of the points' spread between the two of a trial
 _ROUNDS = 20
 _GATE_SIGMAS = 3.5
-_RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane error whose axes have a std of 1
 _NO_SPREAD = 1e-9
 _SEED = 20240601
 
@@ -59,12 +59,7 @@ def align(
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
     used = weights > 0.0
-    if np.count_nonzero(used) < 3:
-        raise UserError(
-            "too few points to align",
-            f"{np.count_nonzero(used)} pairs, where three are the least",
-            "record for longer, with the teammate in plain view",
-        )
+    _check_count(int(np.count_nonzero(used)))
     share = weights / weights.sum()
     from_middle, to_middle = share @ from_points, share @ to_points
     source, target = from_points - from_middle, to_points - to_middle
@@ -75,25 +70,34 @@ def align(
     size = float(np.abs(np.concatenate((from_middle, to_middle))).max())
     if not singular[0] + guard * singular[1] > _NO_SPREAD * max(spread, _NO_SPREAD * size**2):
         raise UserError(
-            "the points do not tell a rotation",
+            "the points do not determine a rotation",
             "they lie in one place, or go no way together",
             "drive so that the teammate is seen in many places",
         )
-    turn = u @ np.diag((1.0, guard)) @ v
-    x, y = to_middle - turn @ from_middle
-    errors = target - source @ turn.T
+    rotating = u @ np.diag((1.0, guard)) @ v
+    x, y = to_middle - rotating @ from_middle
+    errors = target - source @ rotating.T
     return Alignment(
         x=float(x),
         y=float(y),
-        heading=math.atan2(turn[1, 0], turn[0, 0]),
-        covariance=_covariance(source, turn @ from_middle, errors, weights),
+        heading=math.atan2(rotating[1, 0], rotating[0, 0]),
+        covariance=_covariance(source, rotating @ from_middle, errors, weights),
         inliers=used,
         rms=float(np.sqrt(np.mean(np.sum(errors[used] ** 2, axis=1)))),
     )
 
 
+def _check_count(pairs: int) -> None:
+    if pairs < 3:
+        raise UserError(
+            "too few points to align",
+            f"{pairs} pairs, where three are the least",
+            "record for longer, with the teammate in plain view",
+        )
+
+
 def _covariance(
-    source: FloatArray, turned_middle: FloatArray, errors: FloatArray, weights: FloatArray
+    source: FloatArray, rotated_middle: FloatArray, errors: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Covariance (3, 3) of x, y and heading, by the scatter of the errors (n, 2) themselves.
 
@@ -103,7 +107,7 @@ def _covariance(
     freedom = 2 * np.count_nonzero(weights) - 3
     variance = float(weights @ np.sum(errors**2, axis=1)) / freedom
     angle = variance / float(weights @ np.sum(source**2, axis=1))
-    lever = np.array([turned_middle[1], -turned_middle[0], 1.0])
+    lever = np.array([rotated_middle[1], -rotated_middle[0], 1.0])
     found: FloatArray = angle * np.outer(lever, lever)
     found[0, 0] += variance / weights.sum()
     found[1, 1] += variance / weights.sum()
@@ -135,7 +139,7 @@ def align_robustly(
         near = errors <= error_m
         if not near.any():
             break
-        scatter = float(np.median(relative[near])) / _RAYLEIGH_MEDIAN
+        scatter = plane_sigma(relative[near])
         last, inliers = inliers, near & (relative <= _GATE_SIGMAS * scatter)
         found = _align_inliers(from_points, to_points, weights, inliers)
         if np.array_equal(last, inliers):
@@ -159,16 +163,11 @@ def _consensus(from_points: FloatArray, to_points: FloatArray, error_m: float) -
     """Pose (3,) by two pairs that most others agree with; of random twos the best."""
     random = np.random.default_rng(_SEED)
     count = len(from_points)
-    if count < 3:
-        raise UserError(
-            "too few points to align",
-            f"{count} pairs, where three are the least",
-            "record for longer, with the teammate in plain view",
-        )
+    _check_count(count)
     first, second = random.integers(0, count, (2, 8 * _TRIALS))
     base, partner = from_points[second] - from_points[first], to_points[second] - to_points[first]
     length = np.hypot(*base.T)
-    # Near each other, two points tell little of a rotation; apart by other lengths, one is wrong.
+    # Near each other, two points determine a rotation badly; apart by other lengths, one is wrong.
     wide = length >= _LEAST_SHARE * float(np.percentile(length, 90))
     alike = np.abs(length - np.hypot(*partner.T)) <= 2.0 * error_m
     chosen = np.flatnonzero(wide & alike)[:_TRIALS]

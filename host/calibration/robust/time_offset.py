@@ -1,7 +1,7 @@
 """How late a sensor is: a scan over delays, then the delay fitted together with the mounting.
 
 A reading stamped t was made at t - delay. On some paths (a circle at constant speed) a delay and a
-turn of the sensor are the same thing; the curvature at the least cost does not show that, the
+rotation of the sensor are the same thing; the curvature at the least cost does not show that, the
 curve as a whole does: it is flat.
 """
 
@@ -11,12 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.robust.statistics import (
+    bent_factor,
+    block_sums,
+    blocks_of,
+    plane_sigma,
+    sandwich,
+)
 from host.errors import UserError
 from host.geometry import rotation, to_parent
 from host.messages import FloatArray
 
 _TUKEY = 4.685  # 95 % efficient where errors are normal
-_RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane error whose axes have a std of 1
 _ROUNDS, _SETTLED = 50, 1e-8
 _SLOPE_S = 0.01  # half the interval over which the true path's velocity is taken
 _LEAST_PAIRS = 12
@@ -43,11 +49,11 @@ class DelayCurve:
         return float(self.delays[index] + share * (self.delays[index + 1] - self.delays[index]))
 
     def interval(self, rise: float) -> tuple[float, float]:
-        """From which to which delay (s) the cost is nowhere sure to be above the least one.
+        """Confidence interval of the delay: low and high (s).
 
-        rise: in the cost, what is significant. Another dip as deep lies inside, too: the interval
-        goes from the last delay that is sure to be too small to the first that is sure to be too
-        large, or to the end of the scan where the cost has not risen until there.
+        rise: of the cost above the least one that is significant. Another dip as deep lies inside,
+        too. The interval goes from the last delay below it whose cost is significantly higher to
+        the first such one above it, or to the end of the scan where there is none.
         """
         inside = np.flatnonzero(self.costs <= float(self.costs.min()) + rise)
         first = max(int(inside[0]) - 1, 0)
@@ -71,7 +77,7 @@ class JointFit:
     """A sensor's mounting and delay at once.
 
     values (5,): x, y (m), heading (rad), delay (s), and by how much it measures too far (m).
-    covariance (5, 5): of these; infinite where the path does not tell them apart. errors (n, 2) m:
+    covariance (5, 5): of these; infinite where the path does not separate them. errors (n, 2) m:
     where each reading lies, less the truth, nan where there is none; the last value is left in.
     weights (n,): from 0 (a wrong pair) to 1.
     """
@@ -94,8 +100,8 @@ def fit_jointly(
     sigmas (n,): standard deviations of the points per axis, up to a common factor. truth: where
     the things measured were in the robot frame, (n, 2) m at any times (n,); nan where unknown.
     start (5,): values to begin with, whose wrong pairs are less than half. Gauss-Newton with
-    Tukey's weights; the covariance is that of sums over blocks of 3 s (a sandwich), since errors
-    near in time are alike. Raises UserError where fewer than 12 pairs have a truth.
+    Tukey's weights; the covariance is a sandwich over blocks of 3 s, the errors' correlation time.
+    Raises UserError where fewer than 12 pairs have a truth.
 
     That all ranges are too long is fitted too: where teammates were not seen evenly all around,
     it would pass for a mounting that is off.
@@ -107,7 +113,7 @@ def fit_jointly(
         normal = np.einsum("n,nai,naj->ij", strength, slopes, slopes)
         gradient = np.einsum("n,nai,na->i", strength, slopes, errors)
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        # Without its weakest directions: where the path does not tell, the start stays.
+        # Without its weakest directions: what is not observable stays at the start.
         step = np.linalg.lstsq(normal / np.outer(size, size), gradient / size, rcond=_SINGULAR)[0]
         values = values - step / size
         if np.abs(step / size).max() < _SETTLED:
@@ -130,9 +136,9 @@ def _linearise(
     Without a truth, all are 0.
     """
     x, y, heading, delay, too_far = values
-    turned = points @ rotation(heading).T
-    beams = turned / np.maximum(np.hypot(*turned.T), 1e-9)[:, None]
-    placed = turned - too_far * beams
+    rotated = points @ rotation(heading).T
+    beams = rotated / np.maximum(np.hypot(*rotated.T), 1e-9)[:, None]
+    placed = rotated - too_far * beams
     errors = placed + np.array([x, y]) - truth(times - delay)
     velocity = truth(times - delay + _SLOPE_S) - truth(times - delay - _SLOPE_S)
     slopes = np.zeros((len(points), 2, len(values)))
@@ -149,7 +155,7 @@ def _linearise(
         )
     errors[~known], slopes[~known] = 0.0, 0.0
     relative = np.hypot(*errors.T) / sigmas
-    bound = _TUKEY * max(float(np.median(relative[known])) / _RAYLEIGH_MEDIAN, 1e-9)
+    bound = _TUKEY * max(plane_sigma(relative[known]), 1e-9)
     root = np.where(known, np.maximum(1.0 - (relative / bound) ** 2, 0.0), 0.0)
     return errors, slopes, root**2, -4.0 * root / bound**2
 
@@ -166,14 +172,10 @@ def _sandwich(
     scaled, tilted = errors / sigmas[:, None], slopes / sigmas[:, None, None]
     pulls = np.einsum("na,nai->ni", scaled, tilted)
     hessian = np.einsum("n,nai,naj->ij", weights, tilted, tilted) + (pulls.T * bends) @ pulls
-    block = np.unique(np.floor(times / CORRELATED_S), return_inverse=True)[1]
-    sums = np.zeros((int(block.max()) + 1, slopes.shape[2]))
-    np.add.at(sums, block, weights[:, None] * pulls)
+    sums = block_sums(weights[:, None] * pulls, blocks_of(times, CORRELATED_S))
     size = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     relative = hessian / np.outer(size, size)
     if len(sums) <= len(size) or np.linalg.eigvalsh(relative)[0] < _SINGULAR:
         return np.full((len(size), len(size)), math.inf)
     back = np.linalg.inv(relative) / np.outer(size, size)
-    spread = sums.T @ sums * (len(sums) / (len(sums) - len(size)))
-    found: FloatArray = back @ spread @ back
-    return found
+    return sandwich(back, bent_factor(len(sums), len(size)) * sums.T @ sums)

@@ -15,6 +15,12 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
+from host.calibration.robust.statistics import (
+    bent_factor,
+    newey_west,
+    normal_sigma,
+    sandwich,
+)
 from host.calibration.wheels.model import (
     BODY,
     GEOMETRY,
@@ -31,16 +37,17 @@ from host.calibration.wheels.model import (
 from host.messages import BoolArray, FloatArray
 
 WINDOW_S, STRIDE_S = 2.0, 0.25
-_REACH_S = 8.0  # errors so far apart have nothing to do with each other,
-_INDEPENDENT_S = 3.0  # and those so far apart little
+_REACH_S = 8.0  # errors this far apart are uncorrelated
+_CORRELATION_TIME_S = 3.0  # of the errors
+_BARTLETT_LOSS = 1.1
 OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
 
 _STEPS = np.array([1e-3, 1e-3, 5e-3, 0.01, 0.01, 0.02])  # changes that count; the first three ...
-# How far values may be from what is configured: this holds only what the data do not tell.
+# How far values may be from what is configured: a prior for what is not observable.
 _PRIOR = np.array([0.1, 0.1, 0.2, 0.3, 0.3, 3.0])  # ... are relative, here too
 _LAG_STEP_S, _LAG_PRIOR_S = 0.02, 0.2
 _ROUGH = np.array([0.02, 0.02, 0.03])  # noise of a window before it is known: m, m, rad
-LEAST = np.array([5e-4, 5e-4, 1e-3])  # and what it is not below, by motion capture alone
+NOISE_FLOOR = np.array([5e-4, 5e-4, 1e-3])  # of a window: that of motion capture alone
 _SOFT, OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
 _LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1
 
@@ -49,9 +56,10 @@ _Loss = Literal["linear", "soft_l1"]
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Values (v,) as in `wheels_model.values_of`, their covariance (v, v), and the rest.
+    """Values (v,) as in `model.values_of`, their covariance (v, v), and the rest.
 
-    counts: ticks per turn of a wheel. residuals (w, 3) of `windows` as in `misses`; used (w,).
+    counts: ticks per revolution of a wheel. residuals (w, 3) of `windows` as in `misses`.
+    used (w,): the windows that the fit rests upon.
     """
 
     counts: int
@@ -72,8 +80,8 @@ def moving(drives: Sequence[Drive], windows: Windows) -> BoolArray:
 def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) -> FloatArray | None:
     """Values in closed form, whatever the body's mounting; None where hardly anything moved.
 
-    The turn of the body is linear in the ways of both wheels; with the path that follows, the
-    body's way is linear in its mounting, turned and scaled. What the drive does not tell is as
+    The rotation of the body is linear in the ways of both wheels; with the path that follows,
+    the body's way is linear in its mounting, rotated and scaled. What is not observable is as
     `configured`. The radius of a wheel that counts backwards comes out negative.
     """
     windows = windows_of(drives, WINDOW_S, STRIDE_S)
@@ -107,14 +115,14 @@ def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) ->
     return shape
 
 
-def _solve(design: FloatArray, wanted: FloatArray, hold: float) -> FloatArray:
+def _solve(design: FloatArray, target: FloatArray, hold: float) -> FloatArray:
     """Least squares (k,), held to zero a little, without the fifth that fits worst; thrice."""
-    chosen = np.full(len(wanted), True)
+    chosen = np.full(len(target), True)
     for _ in range(3):
         rows = np.concatenate((design[chosen], hold * np.eye(design.shape[1])))
-        target = np.concatenate((wanted[chosen], np.zeros(design.shape[1])))
-        found = np.linalg.lstsq(rows, target, rcond=None)[0]
-        error = np.abs(design @ found - wanted)
+        values = np.concatenate((target[chosen], np.zeros(design.shape[1])))
+        found = np.linalg.lstsq(rows, values, rcond=None)[0]
+        error = np.abs(design @ found - target)
         chosen = error <= np.quantile(error, 0.8)
     return np.asarray(found)
 
@@ -152,9 +160,9 @@ def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatAr
     exposure (w, 3): one, way, turn. Robust: squares count up to 9 times what is expected of them.
     """
     sigmas = np.zeros_like(wrong)
-    for k, least in enumerate(LEAST):
+    for k, least in enumerate(NOISE_FLOOR):
         squares = wrong[:, k] ** 2
-        variance = np.full(len(wrong), max(2.2 * np.median(squares[used]), least**2))
+        variance = np.full(len(wrong), max(normal_sigma(wrong[used, k]) ** 2, least**2))
         for _ in range(3):
             expected = variance[used]
             target = np.minimum(squares[used], 9.0 * expected) / expected
@@ -205,10 +213,7 @@ class _Problem:
     def covariance(
         self, values: FloatArray, wrong: FloatArray, sigmas: FloatArray, used: BoolArray
     ) -> FloatArray:
-        """Covariance (v, v) where the errors of neighbouring windows go together.
-
-        The "sandwich" of Newey & West (1987), with their weights (Bartlett's).
-        """
+        """Covariance (v, v) where the errors of neighbouring windows are correlated."""
         slopes = np.zeros((len(used), 3, len(values)))
         for k in range(len(values)):
             step = np.zeros(len(values))
@@ -219,19 +224,13 @@ class _Problem:
         slopes /= sigmas[:, :, None]
         slopes[~used] = 0.0
         scores = np.einsum("wij,wi->wj", slopes, wrong / sigmas)
-        reach = round(_REACH_S / STRIDE_S)
-        middle = scores.T @ scores
-        for lag in range(1, min(reach, len(scores))):
-            same = self._windows.drives[lag:] == self._windows.drives[:-lag]
-            pair = scores[lag:].T @ (same[:, None] * scores[:-lag])
-            middle += (1.0 - lag / reach) * (pair + pair.T)
-        # With few independent windows the values bend to the noise, which then looks smaller than
-        # it is; the weights lose a little of it, too.
-        independent = np.count_nonzero(used) * STRIDE_S / _INDEPENDENT_S
-        middle *= 1.1 * independent / max(independent - len(values), 1.0)
+        middle = newey_west(scores, round(_REACH_S / STRIDE_S), self._windows.drives)
+        # The weights lose a little of the scatter, too.
+        independent = np.count_nonzero(used) * STRIDE_S / _CORRELATION_TIME_S
+        middle *= _BARTLETT_LOSS * bent_factor(independent, len(values))
         held = np.diag(self._prior**-2.0)
         bread = np.linalg.inv(OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
-        return np.asarray(bread @ (OWN**2 * middle + held) @ bread)
+        return sandwich(bread, OWN**2 * middle + held)
 
 
 def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:

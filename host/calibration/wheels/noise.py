@@ -10,20 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.wheels.fit import LEAST, OUTLIER, STRIDE_S, Fit, moving
-from host.calibration.wheels.model import (
-    Drive,
-    advance,
-    misses,
-    motions,
-    path,
-    windows_of,
-)
+from host.calibration.robust.statistics import jackknife_sigma, normal_sigma
+from host.calibration.wheels.fit import NOISE_FLOOR, OUTLIER, STRIDE_S, Fit, moving
+from host.calibration.wheels.model import Drive, advance, misses, motions, path, windows_of
 from host.messages import BoolArray, FloatArray, IntArray
 
 _WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
-_BENT_RAD = 2.0  # turned by more, an arc's chord tells little of its length
-_STRAIGHT_RAD = 0.1  # turned by less, a window tells of the drift
+_BENT_RAD = 2.0  # rotated by more, an arc's chord says little of its length
+_STRAIGHT_RAD = 0.1  # rotated by less, the drift of a window is observable
 _LEAST_WINDOWS = 4
 _PIECES = 8  # of the drives, each left out once
 _DRIFT_SHARE = math.sqrt(0.1)  # of the heading's noise, where nothing was driven straight
@@ -65,13 +59,13 @@ def noise(drives: Sequence[Drive], fitted: Fit) -> Noise:
 
     That of the way from windows of 1 to 4 s, by its length alone, to which an error of the heading
     adds nothing; the drift from those that are straight; the heading's from 2 to 8 s, less drift.
-    Their sigmas are told by leaving out an eighth of the drives at a time (jackknife).
+    Their sigmas are a jackknife's, over eighths of the drives.
     """
     travelled = [_travelled(drive, fitted) for drive in drives]
     missed = [_missed(drives, fitted, travelled, length) for length in _WINDOWS_S]
     distance, heading, drift = _noises(missed, -1)
     others = np.array([_noises(missed, left_out) for left_out in range(_PIECES)])
-    return Noise(distance, heading, drift, math.sqrt(_PIECES - 1.0) * others.std(axis=0))
+    return Noise(distance, heading, drift, jackknife_sigma(others))
 
 
 def _missed(
@@ -125,7 +119,7 @@ def _of_turns(point: tuple[float, float, float], drift2: float) -> tuple[float, 
 
 def _growth(exposure: FloatArray, wrong: FloatArray) -> tuple[float, float, float]:
     """Mean way and turn and mean squared error of windows, without those far out."""
-    sigma = max(1.4826 * float(np.median(np.abs(wrong))), LEAST[0])
+    sigma = max(normal_sigma(wrong), NOISE_FLOOR[0])
     good = np.abs(wrong) <= OUTLIER * sigma
     way, turned = exposure[good].mean(axis=0)
     return float(way), float(turned), float(np.mean(wrong[good] ** 2))

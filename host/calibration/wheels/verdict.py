@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.result import Check, Fitted
+from host.calibration.result import Check, Fitted, at_least, at_most
 from host.calibration.wheels.fit import WINDOW_S, Fit
 from host.calibration.wheels.model import LAGS, Drive, motions, values_of, windows_of
 from host.calibration.wheels.noise import Noise
@@ -31,8 +31,8 @@ BIN_S = 2.0
 class Coverage:
     """What was driven, in windows of 2 s, by the true path.
 
-    way_m; left_rad, right_rad: turned each way; straight: share of the way without turning.
-    spread: how different the turns were: the standard deviation of the share that turning has in
+    way_m; left_rad, right_rad: rotated each way; straight: share of the way without rotating.
+    spread: how different the curves were: the standard deviation of the share that rotating has in
     the way of the wheels (0 straight on, 1 on the spot), over that way. 0 on a circle.
     speeds, turn_rates (k,): m/s and rad/s in each window.
     """
@@ -77,15 +77,15 @@ def value_rows(
     sigmas = np.sqrt(np.diag(found.covariance))
     small = _RADIUS_LIMIT * wheels.left_radius_m
     shown = (
-        ("wheels.left_radius_m", "left wheel's radius", small, "mm", 1e3),
-        ("wheels.right_radius_m", "right wheel's radius", small, "mm", 1e3),
-        ("wheels.track_m", "track", _TRACK_LIMIT * wheels.track_m, "mm", 1e3),
-        ("mocap.x_m", "tracked body, forward", _PLACE_LIMIT_M, "mm", 1e3),
-        ("mocap.y_m", "tracked body, to the left", _PLACE_LIMIT_M, "mm", 1e3),
-        ("mocap.heading_rad", "tracked body, heading", _HEADING_LIMIT_RAD, "deg", 180 / math.pi),
+        ("wheels.left_radius_m", "left wheel's radius", small, "mm"),
+        ("wheels.right_radius_m", "right wheel's radius", small, "mm"),
+        ("wheels.track_m", "track", _TRACK_LIMIT * wheels.track_m, "mm"),
+        ("mocap.x_m", "tracked body, forward", _PLACE_LIMIT_M, "mm"),
+        ("mocap.y_m", "tracked body, to the left", _PLACE_LIMIT_M, "mm"),
+        ("mocap.heading_rad", "tracked body, heading", _HEADING_LIMIT_RAD, "deg"),
     )
     rows = []
-    for k, (key, name, limit, unit, scale) in enumerate(shown):
+    for k, (key, name, limit, unit) in enumerate(shown):
         value = float(wrap(found.values[k])) if k == 5 else float(found.values[k])
         both = None
         if halves is not None:
@@ -103,7 +103,6 @@ def value_rows(
                 before=float(before[k]),
                 halves=both,
                 unit=unit,
-                scale=scale,
             )
         )
     lags = found.values[LAGS]
@@ -114,7 +113,6 @@ def value_rows(
         value=float(lags.mean()),
         sigma=math.sqrt(share @ found.covariance[LAGS, LAGS] @ share),
         unit="ms",
-        scale=1e3,
     )
     return (*rows, lag)
 
@@ -130,75 +128,69 @@ def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
         found.items(), noise.sigmas.tolist(), strict=True
     ):
         value = max(value, least) if math.isfinite(value) else math.nan
-        told = sigma <= _VAGUE * value  # else it is not written
+        known = sigma <= _VAGUE * value  # else it is not written
         rows.append(
             Fitted(
-                key=f"wheels.{key}" if told else "",
-                name=name if told else f"{name} (too vague: kept)",
+                key=f"wheels.{key}" if known else "",
+                name=name if known else f"{name} (too vague: kept)",
                 value=value,
                 sigma=sigma,
                 before=getattr(wheels, key),
                 unit="mm" if key.endswith("_m") else "deg",
-                scale=1e3 if key.endswith("_m") else 180.0 / math.pi,
             )
         )
     return tuple(rows)
 
 
-def checks(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
+def verdict(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
+    """The conditions under which the fit is to be used."""
     used = float(np.count_nonzero(found.used)) / max(len(found.used), 1)
-    alike = _track_correlation(found)
-    apart = found.values[:2] / (wheels.left_radius_m, wheels.right_radius_m) - 1.0
-    off = float(apart[np.argmax(np.abs(apart))])
-    least_deg = math.degrees(LEAST_TURN_RAD)
-    turns = [
-        Check(
-            name=f"turned to the {side}",
-            value=math.degrees(angle),
-            threshold=least_deg,
-            unit="deg",
-            passed=angle >= LEAST_TURN_RAD,
-            advice=f"the drive turns to the {side} by {math.degrees(angle):.0f} deg only: "
-            "with one turning direction, or straight on, the track cannot be told from the "
-            f"wheels' radii; drive turns to the {side} too",
+    off = found.values[:2] / (wheels.left_radius_m, wheels.right_radius_m) - 1.0
+    worst = int(np.argmax(np.abs(off)))
+    rotations = [
+        at_least(
+            f"rotation to the {side}",
+            angle,
+            LEAST_TURN_RAD,
+            "deg",
+            f"the robot rotates to the {side} by {math.degrees(angle):.0f} deg only: rotating one "
+            "way, or going straight on, does not separate the track from the wheels' radii; "
+            f"rotate to the {side} too",
         )
         for side, angle in (("left", driven.left_rad), ("right", driven.right_rad))
     ]
     return (
-        Check(
-            name="way",
-            value=driven.way_m,
-            threshold=LEAST_WAY_M,
-            unit="m",
-            passed=driven.way_m >= LEAST_WAY_M,
-            advice=f"drive further than {LEAST_WAY_M:.0f} m: {driven.way_m:.1f} m so far",
+        at_least(
+            "way",
+            driven.way_m,
+            LEAST_WAY_M,
+            "m",
+            f"drive further than {LEAST_WAY_M:.0f} m: {driven.way_m:.1f} m so far",
         ),
-        *turns,
-        Check(
-            name="track and difference of the wheels told apart",
-            value=alike,
-            threshold=_TOO_ALIKE,
-            unit="",
-            passed=alike <= _TOO_ALIKE,
-            advice="on this path a wider track looks like a larger wheel: turn as much to the "
-            "left as to the right, and drive straight in between",
+        *rotations,
+        at_most(
+            "correlation of the track with the difference of the wheels",
+            _track_correlation(found),
+            _TOO_ALIKE,
+            "",
+            "on this path a wider track looks like a larger wheel: rotate as much to the left as "
+            "to the right, and drive straight in between",
         ),
-        Check(
-            name="parts of the drive that fit together",
-            value=100.0 * used,
-            threshold=100.0 * _LEAST_USED,
-            unit="%",
-            passed=used >= _LEAST_USED,
-            advice="the wheels slipped, the robot was pushed, or motion capture tracks something "
-            "else: check that mocap.body is this robot, and drive slower on a clean floor",
+        at_least(
+            "parts of the drive that fit together",
+            used,
+            _LEAST_USED,
+            "%",
+            "the wheels slipped, the robot was pushed, or motion capture tracks something else: "
+            "check that mocap.body is this robot, and drive slower on a clean floor",
         ),
-        Check(
-            name="radius against the configured one",
-            value=100.0 * off,
-            threshold=100.0 * _PLAUSIBLE,
-            unit="%",
-            passed=abs(off) <= _PLAUSIBLE,
-            advice="no wheel is so different: measure its diameter, and check the gear and "
+        at_most(
+            "difference of a radius from the configured one",
+            abs(float(off[worst])),
+            _PLAUSIBLE,
+            "%",
+            f"the {('left', 'right')[worst]} wheel's radius comes out {100.0 * off[worst]:+.1f} % "
+            "off: no wheel differs so much; measure its diameter, and check the gear and "
             "counts_per_turn in robot.toml",
         ),
     )
@@ -218,8 +210,9 @@ def warnings(driven: Coverage) -> list[str]:
     if driven.spread >= _LEAST_SPREAD:
         return []
     return [
-        f"all turns are alike (spread {driven.spread:.2f}, wanted {_LEAST_SPREAD:.2f}): expect the "
-        "fit to carry over badly to other paths; drive straight, wide and on the spot as well"
+        f"all curves are alike (spread {driven.spread:.2f}, {_LEAST_SPREAD:.2f} is needed): expect "
+        "the fit to carry over badly to other paths; drive straight, in wide curves and on the "
+        "spot as well"
     ]
 
 

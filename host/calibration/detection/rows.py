@@ -1,0 +1,118 @@
+"""What was fitted to detection, as rows of the report."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from host.calibration.detection.blind_sectors import FoundSector, find_sectors, same_sector
+from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
+from host.calibration.gathered import Gathered
+from host.calibration.result import Fitted
+from host.config import Cameras, Lidar
+from host.messages import BoolArray, FloatArray
+
+_PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
+SHARE_LIMIT = 0.3  # of a noise or a steepness: how well it must be known
+_RATE_LIMIT = 0.5  # of a rate: false detections come in swarms
+_SECTOR_LIMIT_RAD = math.radians(0.5)
+
+
+def all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Which of the times (n,) count: all, those of the first half of the drive, the others."""
+    first: BoolArray = np.asarray(times <= 0.5 * (times.min() + times.max()))
+    return first | True, first, ~first
+
+
+def finite_halves(halves: tuple[float, float]) -> tuple[float, float] | None:
+    return halves if math.isfinite(sum(halves)) else None
+
+
+def shown_row(name: str, value: float, unit: str) -> Fitted:
+    """A row that is shown and not written."""
+    return Fitted(key="", name=name, value=value, sigma=math.nan, unit=unit)
+
+
+def positive_row(
+    key: str,
+    name: str,
+    before: float,
+    fits: Iterable[tuple[float, float]],
+    unit: str,
+    share: float = _RATE_LIMIT,
+) -> Fitted:
+    """A row of a positive quantity, from the values and sigmas of all data and of both halves.
+
+    share: of the quantity, as which its sigma may be.
+    """
+    (value, sigma), (early, _), (late, _) = fits
+    return Fitted(
+        key=key,
+        name=name,
+        value=value,
+        sigma=sigma,
+        limit=share * max(value, before) if math.isfinite(value) else share * before,
+        before=before,
+        halves=finite_halves((early, late)),
+        unit=unit,
+    )
+
+
+def curve_rows(
+    section: str, config: Lidar | Cameras, views: Views
+) -> tuple[RangeCurve, list[Fitted]]:
+    """The curve of one sensor, and its three rows."""
+    configured = config.half_range_m, config.range_steepness_per_m
+    curve = fit_curve(views, configured)
+    _, *parts = all_and_halves(views.times)
+    halves = [fit_curve(views.part(half), configured) for half in parts if half.any()]
+    before = (config.detection_probability, *configured)
+    keys = "detection_probability", "half_range_m", "range_steepness_per_m"
+    names = "detection probability close by", "half-range", "steepness"
+    limits = _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M, SHARE_LIMIT * float(curve.values[2])
+    rows = []
+    for k, (key, name, unit) in enumerate(zip(keys, names, ("", "m", "/m"), strict=True)):
+        fitted = curve.reached or k == 0
+        both = [float(half.values[k]) for half in halves if half.reached or k == 0]
+        rows.append(
+            Fitted(
+                key=f"{section}.{key}" if fitted else "",
+                name=f"{section} {name}"
+                + ("" if fitted else f" (beyond {curve.reach_m:.1f} m: kept)"),
+                value=float(curve.values[k]),
+                sigma=float(curve.sigmas[k]),
+                limit=limits[k] if fitted else None,
+                before=before[k],
+                halves=(both[0], both[1]) if fitted and len(both) == 2 else None,
+                unit=unit,
+            )
+        )
+    return curve, rows
+
+
+def sector_rows(gathered: Gathered, sectors: list[FoundSector]) -> list[Fitted]:
+    """Two rows for each blind sector; they are written as a list, not by these rows."""
+    lidar, scans = gathered.config.lidar, gathered.scans
+    before = [FoundSector(s.centre_rad, s.width_rad) for s in lidar.blind_sectors]
+    middle = len(scans) // 2
+    halves = find_sectors(scans[:middle], lidar), find_sectors(scans[middle:], lidar)
+    rows = []
+    for number, sector in enumerate(sectors, 1):
+        was = same_sector(sector, before)
+        early, late = same_sector(sector, halves[0]), same_sector(sector, halves[1])
+        for quantity in ("centre", "width"):
+            rows.append(
+                Fitted(
+                    key="",
+                    name=f"blind sector {number}, {quantity}",
+                    value=getattr(sector, quantity),
+                    sigma=getattr(sector, f"{quantity}_sigma"),
+                    limit=_SECTOR_LIMIT_RAD,
+                    before=getattr(was, quantity) if was else None,
+                    halves=(getattr(early, quantity), getattr(late, quantity))
+                    if early and late
+                    else None,
+                    unit="deg",
+                )
+            )
+    return rows

@@ -1,0 +1,93 @@
+"""Statistics that more than one fit needs: robust spreads, errors that are correlated in time.
+
+Errors near in time are alike. Where a formula takes them for independent, the sums of whole blocks
+of time take the place of single errors: Liang and Zeger, Longitudinal data analysis using
+generalized linear models, Biometrika 73 (1986), eq. 4 and the estimate below it.
+"""
+
+import math
+
+import numpy as np
+
+from host.messages import BoolArray, FloatArray, IntArray
+
+_NORMAL_MEDIAN = 0.6745  # of |x| of a standard normal x: sqrt(2) erfinv(1/2)
+_RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane vector of two of these: sqrt(2 ln 2)
+
+
+def normal_sigma(errors: FloatArray) -> float:
+    """Standard deviation of normal errors (n,), some of them outliers, by their median."""
+    return float(np.median(np.abs(errors))) / _NORMAL_MEDIAN
+
+
+def plane_sigma(lengths: FloatArray) -> float:
+    """Standard deviation per axis of normal errors in the plane, by their lengths (n,)."""
+    return float(np.median(lengths)) / _RAYLEIGH_MEDIAN
+
+
+def blocks_of(times: FloatArray, seconds: float, group: IntArray | None = None) -> IntArray:
+    """The block of time that each of `times` (n,) s is in, numbered from 0 without gaps.
+
+    group (n,): of different groups, times are never in one block.
+    """
+    rows = np.zeros(len(times)) if group is None else group
+    pairs = np.stack((rows, np.floor(times / seconds)))
+    return np.unique(pairs, axis=1, return_inverse=True)[1].reshape(-1)
+
+
+def block_sums(values: FloatArray, blocks: IntArray) -> FloatArray:
+    """Sums (b, ...) of the values (n, ...) in each block."""
+    sums = np.zeros((int(blocks.max(initial=-1)) + 1, *values.shape[1:]))
+    np.add.at(sums, blocks, values)
+    return sums
+
+
+def bent_factor(count: float, fitted: float) -> float:
+    """By how much the squares of `count` independent errors grow without the fit of `fitted`."""
+    return count / max(count - fitted, 1.0)
+
+
+def sandwich(bread: FloatArray, middle: FloatArray) -> FloatArray:
+    """Covariance (p, p) of a fit whose scores scatter otherwise than its model says.
+
+    White, Econometrica 48 (1980), eq. 5: bread is the inverse information (p, p), middle the sum
+    of the scores' squares (p, p).
+    """
+    return np.asarray(bread @ middle @ bread)
+
+
+def ratio_variance(counts: FloatArray, sizes: FloatArray, ratio: float, blocks: IntArray) -> float:
+    """Variance of the estimate `ratio` = sum of counts (n,) / sum of sizes (n,).
+
+    Cochran, Sampling Techniques (1977), eq. 2.39, with blocks for units.
+    """
+    left = block_sums(counts - ratio * sizes, blocks)
+    return float(np.sum(left**2)) / float(sizes.sum()) ** 2
+
+
+def pieces_of(times: FloatArray, count: int) -> IntArray:
+    """Which of `count` pieces of equal size, in order of time, each of `times` (n,) is in."""
+    order = np.argsort(np.argsort(times, kind="stable"), kind="stable")
+    return np.asarray(order * count // max(len(times), 1))
+
+
+def jackknife_sigma(estimates: FloatArray) -> FloatArray:
+    """Standard deviations (...) by estimates (k, ...), each without another one of k pieces.
+
+    Efron and Stein, The jackknife estimate of variance, Annals of Statistics 9 (1981), eq. 1.2.
+    """
+    return np.asarray(math.sqrt(len(estimates) - 1.0) * np.std(estimates, axis=0))
+
+
+def newey_west(scores: FloatArray, reach: int, drives: IntArray) -> FloatArray:
+    """Middle (p, p) of a sandwich of scores (n, p) in order, alike up to `reach` rows apart.
+
+    Newey and West, Econometrica 55 (1987), eq. 5, with Bartlett's weights. drives (n,): rows of
+    different ones are independent.
+    """
+    middle = scores.T @ scores
+    for lag in range(1, min(reach, len(scores))):
+        same: BoolArray = drives[lag:] == drives[:-lag]
+        pair = scores[lag:].T @ (same[:, None] * scores[:-lag])
+        middle += (1.0 - lag / reach) * (pair + pair.T)
+    return np.asarray(middle)
