@@ -179,7 +179,7 @@ def test_cameras_can_do_with_the_lidar_instead_of_motion_capture(tmp_path: Path)
     result = calibrate("camera", "--seconds", "2", "--record", drive, folder=tmp_path)
     assert result.exit_code == 1
     assert "waiting for motion capture" not in result.output
-    assert "0 turns of the lidar" in result.output  # there is no device at all here
+    assert "0 revolutions of the lidar" in result.output  # there is no device at all here
     assert drive.exists()
 
 

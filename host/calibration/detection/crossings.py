@@ -27,7 +27,7 @@ def true_path(scan: Scan, tracks: Tracks) -> Path:
 
 
 class Crossings:
-    """The teammates as the beam met them, for revolutions (s,) and teammates (m,); nan where unknown.
+    """The teammates as the beam met them, by revolution (s,) and teammate (m,); nan: unknown.
 
     times (s, m) s. distances (s, m) m and bearings (s, m) rad: in the robot frame of that moment.
     ways (s, m) m and beams (s, m) rad: the same in the lidar's own frame. places (s, m, 2) m:

@@ -47,7 +47,7 @@ def pictures(
         ReportPicture(
             title="What was driven",
             x_label="speed, m/s",
-            y_label="turn rate, deg/s",
+            y_label="rotation rate, deg/s",
             series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates)),),
             caption="Each point is 2 s. Good: points above and below zero, and along it.",
         ),
@@ -113,8 +113,8 @@ def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportP
     rates = np.degrees(motions(drives, used)[:, 2]) / WINDOW_S
     old = misses(drives, *before, used)
     return ReportPicture(
-        title="Heading missed in 2 s, by turn rate",
-        x_label="turn rate, deg/s",
+        title="Heading missed in 2 s, by rotation rate",
+        x_label="rotation rate, deg/s",
         y_label="by the wheels minus true, deg",
         series=(
             Series(x=rates, y=np.degrees(old[:, 2]), label="before"),

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from host.calibration.camera.calibrate import advice, calibrate
+from host.calibration.camera.calibrate import calibrate, camera_advice
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraProblem
 from host.calibration.camera.pairs import reference_of, strips_of
@@ -89,14 +89,14 @@ def test_views_only_ahead_are_refused_for_all_that_lies_behind_by_name() -> None
     assert "front camera has no views beyond 60 deg left, beyond 60 deg right" in failures
     assert "rear camera has no views beyond 90 deg left, beyond 90 deg right" in failures
     assert not any(key.startswith("camera.rear") for key in calibration.new_settings())
-    front = [s for s in calibration.figures["sectors"] if s["eye"] == "front" and s["pairs"] > 1]
+    front = [s for s in calibration.figures["sectors"] if s["camera"] == "front" and s["pairs"] > 1]
     assert max(sector["sigma_deg"] for sector in front) < 0.3
 
 
 def test_a_robot_that_spins_steadily_among_still_teammates_is_refused() -> None:
     """There a delay and a camera mounted askew are the same thing."""
     failures = "\n".join(calibrate(gather(Drive(turning=False), pairs=300)).failures)
-    assert "sigma of the delay: turn the robot to the left and to the right" in failures
+    assert "sigma of the delay: rotate the robot to the left and to the right" in failures
     assert "neither is where the camera looks" in failures
 
 
@@ -130,13 +130,13 @@ def test_the_lidar_serves_where_there_is_no_motion_capture() -> None:
 
 
 def test_the_lens_of_a_checkerboard_is_kept() -> None:
-    eye = Camera(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
+    camera = Camera(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
     none = np.zeros(0)
-    known = {"front": LensFit(eye, none, (none,), (none > 0.0,), (none,))}
+    known = {"front": LensFit(camera, none, (none,), (none > 0.0,), (none,))}
     calibration = calibrate(gather(Drive(), pairs=300), known)
     rows = {row.key: row for row in calibration.fitted}
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):
-        assert rows[f"camera.front.{name}"].value == getattr(eye, name)
+        assert rows[f"camera.front.{name}"].value == getattr(camera, name)
         assert rows[f"camera.rear.{name}"].value != getattr(Camera(), name)
     assert rows["camera.front.tilt_rad"].value == pytest.approx(math.radians(43.0), abs=0.03)
 
@@ -155,16 +155,16 @@ def test_the_start_may_be_far_off_and_the_lens_of_another_model() -> None:
 def test_advice_names_what_is_missing_until_nothing_is() -> None:
     gathered = Gathered(RobotConfig())
     gathered.take(Bearings(1.0, np.zeros(0), np.zeros(0), camera="rear", pixels=np.zeros((0, 2))))
-    words = "\n".join(advice(gathered))
+    words = "\n".join(camera_advice(gathered))
     assert "drive on: 0 strips were seen so far, 200 are needed" in words
     assert "rear camera has no views beyond" in words
     assert "front camera" not in words  # nothing says that there is one
-    assert advice(of_500()[0]) == []
+    assert camera_advice(of_500()[0]) == []
 
 
 def test_what_cannot_be_fitted_at_all_is_told() -> None:
     gathered = Gathered(RobotConfig())
-    with pytest.raises(UserError, match="nothing tells where the teammates truly are"):
+    with pytest.raises(UserError, match="no reference for where the teammates truly are"):
         calibrate(gathered)
     gathered.take(Bodies(0.0, np.array([1]), np.zeros((1, 3))))
     with pytest.raises(UserError, match="motion capture saw no teammate"):

@@ -34,18 +34,18 @@ def turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
     return c * vector + s * np.cross(axis, vector) + (1.0 - c) * along
 
 
-def seen(eye: Camera, points: FloatArray) -> FloatArray:
+def seen(camera: Camera, points: FloatArray) -> FloatArray:
     across = np.hypot(points[:, 0], points[:, 1])
     angle = np.arctan2(across, points[:, 2])
-    radius = eye.focal_px * (angle + eye.k1 * angle**3 + eye.k2 * angle**5)
-    centre = (eye.centre_x_px, eye.centre_y_px)
+    radius = camera.focal_px * (angle + camera.k1 * angle**3 + camera.k2 * angle**5)
+    centre = (camera.centre_x_px, camera.centre_y_px)
     return centre + radius[:, None] * points[:, :2] / across[:, None]
 
 
 def views_of(
-    eye: Camera, noise_px: float, off_axis_deg: tuple[int, ...] = WIDE_DEG, seed: int = 4
+    camera: Camera, noise_px: float, off_axis_deg: tuple[int, ...] = WIDE_DEG, seed: int = 4
 ) -> list[BoardView]:
-    """A board held in many places, faced and tilted, as `eye` sees it."""
+    """A board held in many places, faced and tilted, as `camera` sees it."""
     rng = np.random.default_rng(seed)
     board = board_corners(8, 6, 0.03)
     flat = np.column_stack((board - board.mean(axis=0), np.zeros(len(board))))
@@ -57,28 +57,28 @@ def views_of(
         around = rng.uniform(-np.pi, np.pi)
         aside = np.array([np.cos(around), np.sin(around), 0.0])
         points = turned(ahead, aside, np.radians(degrees))
-        pixels = seen(eye, points)
+        pixels = seen(camera, points)
         views.append(BoardView(board, pixels + rng.normal(0.0, noise_px, pixels.shape)))
     return views
 
 
-def ray_error_deg(eye: Camera, expected: Camera, to_deg: float) -> float:
+def ray_error_deg(camera: Camera, expected: Camera, to_deg: float) -> float:
     """Greatest difference of the angles that two lenses give to the same radii, up to an angle."""
     angles = np.radians(np.arange(1.0, to_deg))
     radii = Lens(expected).radius(angles)
-    return float(np.max(np.abs(np.degrees(Lens(eye).angle(radii) - angles))))
+    return float(np.max(np.abs(np.degrees(Lens(camera).angle(radii) - angles))))
 
 
 @pytest.mark.parametrize("focal_px", [290.0, 590.0, 1100.0])
 def test_a_lens_is_found_from_exact_corners_whatever_was_configured(focal_px: float) -> None:
-    eye = TRUE.model_copy(update={"focal_px": focal_px})
+    camera = TRUE.model_copy(update={"focal_px": focal_px})
     configured = Camera(lens="orthographic", focal_px=77.0, centre_x_px=0.0, k1=0.5, source="front")
-    fit = fit_lens(views_of(eye, 0.0), configured)
+    fit = fit_lens(views_of(camera, 0.0), configured)
     assert fit.rms_px < 1e-5
     assert fit.reach_rad > np.radians(90.0)
-    assert (fit.eye.lens, fit.eye.source) == ("equidistant", "front")
+    assert (fit.camera.lens, fit.camera.source) == ("equidistant", "front")
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):
-        assert getattr(fit.eye, name) == pytest.approx(getattr(eye, name), rel=1e-6, abs=1e-6)
+        assert getattr(fit.camera, name) == pytest.approx(getattr(camera, name), rel=1e-6, abs=1e-6)
     assert all(used.all() for used in fit.used)
 
 
@@ -89,7 +89,7 @@ def test_errors_are_drawn_minus_seen_of_the_fitted_lens_and_poses() -> None:
         size = np.linalg.norm(pose[:3])
         flat = np.column_stack((view.board, np.zeros(len(view.board))))
         points = turned(flat, pose[:3] / size, float(size)) + pose[3:]
-        np.testing.assert_allclose(seen(fit.eye, points) - view.pixels, errors, atol=1e-7)
+        np.testing.assert_allclose(seen(fit.camera, points) - view.pixels, errors, atol=1e-7)
         cosine = points[:, 2] / np.linalg.norm(points, axis=1)
         np.testing.assert_allclose(np.cos(angles), cosine, atol=1e-9)
     squares = np.concatenate([np.sum(errors**2, axis=1) for errors in fit.errors])
@@ -99,7 +99,7 @@ def test_errors_are_drawn_minus_seen_of_the_fitted_lens_and_poses() -> None:
 
 def test_noise_of_a_third_of_a_pixel_leaves_rays_known_to_a_tenth_of_a_degree() -> None:
     fit = fit_lens(views_of(TRUE, 0.3), Camera())
-    assert ray_error_deg(fit.eye, TRUE, 90.0) < 0.1
+    assert ray_error_deg(fit.camera, TRUE, 90.0) < 0.1
 
 
 def test_misdetected_corners_are_left_out_and_no_others() -> None:
@@ -110,7 +110,7 @@ def test_misdetected_corners_are_left_out_and_no_others() -> None:
     fit = fit_lens(views, Camera())
     left_out = [(v, int(c)) for v, used in enumerate(fit.used) for c in np.flatnonzero(~used)]
     assert left_out == wrong
-    assert ray_error_deg(fit.eye, TRUE, 90.0) < 0.1
+    assert ray_error_deg(fit.camera, TRUE, 90.0) < 0.1
 
 
 def test_it_does_not_matter_at_which_end_a_detector_began() -> None:
@@ -118,7 +118,7 @@ def test_it_does_not_matter_at_which_end_a_detector_began() -> None:
     reversed_views = [BoardView(v.board, v.pixels[::-1]) for v in views]
     first, second = fit_lens(views, Camera()), fit_lens(reversed_views, Camera())
     assert first.rms_px == pytest.approx(second.rms_px, abs=1e-6)
-    assert ray_error_deg(first.eye, second.eye, 90.0) < 1e-3
+    assert ray_error_deg(first.camera, second.camera, 90.0) < 1e-3
 
 
 def test_too_few_pictures_are_refused() -> None:
@@ -198,12 +198,12 @@ def test_a_real_lens_is_fitted_to_half_a_pixel_out_to_84_deg(real_fit: LensFit) 
     outermost = np.degrees(np.concatenate(real_fit.angles)) > 75.0
     assert np.count_nonzero(outermost) >= 25
     assert np.sqrt(np.mean(np.sum(errors[outermost & used] ** 2, axis=1))) <= 0.7
-    assert Lens(real_fit.eye).limit_rad > np.radians(100.0)
+    assert Lens(real_fit.camera).limit_rad > np.radians(100.0)
 
 
 def test_halves_of_the_real_pictures_give_the_same_lens(real_views: list[BoardView]) -> None:
     even, odd = fit_lens(real_views[::2], REAL), fit_lens(real_views[1::2], REAL)
-    assert ray_error_deg(even.eye, odd.eye, 85.0) < 0.15
+    assert ray_error_deg(even.camera, odd.camera, 85.0) < 0.15
 
 
 def test_opencv_calibrates_the_same_lens_from_the_views_it_can_use(
@@ -235,6 +235,6 @@ def test_opencv_calibrates_the_same_lens_from_the_views_it_can_use(
             "k2": float(factors[1, 0]),
         }
     )
-    assert ray_error_deg(real_fit.eye, theirs, 75.0) < 0.05
-    centre = (real_fit.eye.centre_x_px, real_fit.eye.centre_y_px)
+    assert ray_error_deg(real_fit.camera, theirs, 75.0) < 0.05
+    centre = (real_fit.camera.centre_x_px, real_fit.camera.centre_y_px)
     np.testing.assert_allclose(camera[:2, 2], centre, atol=2.0)

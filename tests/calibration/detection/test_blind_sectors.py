@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from host.calibration.detection.blind_sectors import Sector, find_sectors
+from host.calibration.detection.blind_sectors import FoundSector, find_sectors
 from host.config import Lidar
 from host.geometry import wrap
 from host.messages import FloatArray, Scan
@@ -44,7 +44,7 @@ def drive(
     return scans
 
 
-def in_degrees(sectors: list[Sector]) -> FloatArray:
+def in_degrees(sectors: list[FoundSector]) -> FloatArray:
     found = np.degrees([(s.centre, s.width) for s in sectors]).reshape(-1, 2)
     return found[np.argsort(found[:, 0])]
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from host.calibration.detection import calibrate as detection
+from host.calibration.detection.verdict import detection_advice
 from host.calibration.gathered import Gathered
 from host.config import Mocap, RobotConfig
 from host.errors import UserError
@@ -53,7 +54,7 @@ def test_without_teammates_nothing_is_fitted() -> None:
 def test_without_scans_and_pictures_nothing_is_fitted() -> None:
     gathered = Gathered(RobotConfig())
     gathered.take(body(1.0, 1, 2))
-    assert "nothing to tell detection from" in refusal(gathered)
+    assert "nothing to fit detection to" in refusal(gathered)
 
 
 @pytest.mark.parametrize("sensor", ["lidar", "camera"])
@@ -100,11 +101,11 @@ def test_a_teammate_that_is_not_tracked_for_long_is_no_miss() -> None:
 
 def test_advice_says_what_is_missing_and_ends_when_it_is_there() -> None:
     gathered = Gathered(RobotConfig())
-    assert detection.advice(gathered) == ["no motion capture yet"]
+    assert detection_advice(gathered) == ["no motion capture yet"]
     whole = camera_drive(SMALL)
-    early = detection.advice(first_seconds(whole, 2.0))
+    early = detection_advice(first_seconds(whole, 2.0))
     assert any("s so far" in line for line in early)
-    assert detection.advice(whole) == []
+    assert detection_advice(whole) == []
 
 
 def test_advice_names_what_a_standing_robot_has_not_seen() -> None:
@@ -112,8 +113,8 @@ def test_advice_names_what_a_standing_robot_has_not_seen() -> None:
     gathered.take(empty_scan(1.0))
     for k in range(4000):
         gathered.take(body(0.02 * k, 1, 2))
-    asked = " / ".join(detection.advice(gathered))
-    assert "turn all around: 1 of 12" in asked
+    asked = " / ".join(detection_advice(gathered))
+    assert "rotate all around: 1 of 12" in asked
     assert "further from teammates than 1.5 m: 1.0 m so far" in asked
     assert "no teammate was yet at bearings of" in asked
 
@@ -122,4 +123,4 @@ def test_advice_before_this_robot_is_seen_names_its_body() -> None:
     gathered = Gathered(RobotConfig(mocap=Mocap(body=7)))
     gathered.take(empty_scan(1.0))
     gathered.take(body(1.0, 1, 2))
-    assert "body 7" in detection.advice(gathered)[0]
+    assert "body 7" in detection_advice(gathered)[0]

@@ -8,7 +8,7 @@ from scipy.optimize import curve_fit
 
 from host.calibration.detection import calibrate as detection
 from host.calibration.detection.clutter import interference
-from host.calibration.detection.lidar_views import LidarSurvey, hidden, survey_lidar
+from host.calibration.detection.lidar_views import LidarSurvey, behind_something, survey_lidar
 from host.calibration.detection.range_curve import RangeCurve, Views
 from host.calibration.result import Calibration, Fitted
 from host.config import BlindSector, Lidar, RobotConfig
@@ -151,13 +151,13 @@ def test_a_teammate_behind_a_nearer_one_or_a_post_is_no_miss() -> None:
 def test_hidden_by_the_scan_does_not_look_at_the_turret_itself() -> None:
     place = np.array([[2.0, 0.0]])
     clearance = np.full((1, 360), np.inf)
-    assert not hidden(place, clearance, Lidar())[0]
+    assert not behind_something(place, clearance, Lidar())[0]
     clearance[0, 178:183] = 1.97  # the turret's own returns
-    assert not hidden(place, clearance, Lidar())[0]
+    assert not behind_something(place, clearance, Lidar())[0]
     clearance[0, 180] = 1.5
-    assert hidden(place, clearance, Lidar())[0]
+    assert behind_something(place, clearance, Lidar())[0]
     clearance[0, 180] = 0.0  # not looked at
-    assert not hidden(place, clearance, Lidar())[0]
+    assert not behind_something(place, clearance, Lidar())[0]
 
 
 def seen_or_not(seen: list[int], nulls: list[float], distance: float = 0.8) -> LidarSurvey:

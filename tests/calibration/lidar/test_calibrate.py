@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from host.calibration.gathered import Gathered
-from host.calibration.lidar.calibrate import advice, calibrate
+from host.calibration.lidar.calibrate import calibrate, lidar_advice
+from host.calibration.report.text import needed
+from host.calibration.report.text import verdict as word_of
 from host.calibration.result import Calibration
 from host.config import Lidar, RobotConfig
 from host.errors import UserError
@@ -144,16 +146,24 @@ def test_the_configured_delay_is_in_the_times_already() -> None:
     assert before["lidar.x_m"] == 0.2
 
 
+def test_a_delay_beyond_those_searched_is_refused_in_words_that_fit() -> None:
+    found = calibrate(Bench(lawn_mower, (standing(1.3, 0.4),), (0.0, 0.0, 0.0, 1.03)).gather())
+    beyond = next(check for check in found.checks if check.name.startswith("delays searched"))
+    assert (beyond.value, beyond.side, beyond.passed) == (0.0, "at least", False)
+    assert "-500 to 1000 ms, the longest fits" in beyond.advice
+    assert [needed(beyond), word_of(beyond)] == ["≥ 10 ms", "fails"]
+
+
 def test_a_circle_at_constant_speed_is_refused() -> None:
     found = calibrate(Bench(circle, (standing(1.3, 0.4),)).gather())
     delay = next(check for check in found.checks if check.name.startswith("delay"))
     assert not delay.passed
-    assert "turn both ways" in delay.advice
+    assert "rotate both ways" in delay.advice
     assert any("delay" in failure for failure in found.failures)
     low, high = found.figures["plausible_delays_s"]
     assert high - low > 0.5
     assert all(row.sigma > limit for row, limit in zip(found.fitted[:4], LIMITS, strict=True))
-    assert "turn to the right: 0 deg so far" in advice(
+    assert "rotate to the right: 0 deg so far" in lidar_advice(
         Bench(circle, (standing(1.3, 0.4),)).gather()
     )
 
@@ -165,8 +175,8 @@ def test_a_robot_that_stands_learns_no_mounting() -> None:
     except UserError as error:
         failures = [str(error)]
     assert failures
-    wanted = " ".join(advice(gathered))
-    for words in ("turn to the left", "turn to the right", "behind", "come from 0.5 to 2 m"):
+    wanted = " ".join(lidar_advice(gathered))
+    for words in ("rotate to the left", "rotate to the right", "behind", "come from 0.5 to 2 m"):
         assert words in wanted
 
 
@@ -241,8 +251,8 @@ def test_nothing_to_fit_is_told_in_words() -> None:
     late.bodies = [replace(frame, time=frame.time + 100.0) for frame in full.bodies]
     with pytest.raises(UserError, match="no mounting"):
         calibrate(late)
-    assert advice(blind) == ["no turn of the lidar yet"]
-    assert advice(dark) == ["motion capture has seen nothing yet"]
+    assert lidar_advice(blind) == ["no revolution of the lidar yet"]
+    assert lidar_advice(dark) == ["motion capture has seen nothing yet"]
 
 
 MOUNTED = (0.01, 0.0, math.radians(3.0), 0.08)
@@ -281,7 +291,7 @@ def _third_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("_third_wrong")
 def test_the_simulated_robot_finds_its_lidar() -> None:
     gathered = simulated(0, 45.0)
-    assert advice(gathered) == []
+    assert lidar_advice(gathered) == []
     found = calibrate(gathered)
     assert np.all(misses(found, MOUNTED) < 1.0)
     assert found.failures == []

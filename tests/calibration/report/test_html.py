@@ -12,14 +12,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from host.calibration.report.html import as_html, as_json, as_text, write_html
-from host.calibration.result import Calibration, Check, Fitted, ReportPicture, Series
+from host.calibration.result import (
+    Calibration,
+    Check,
+    Fitted,
+    ReportPicture,
+    Series,
+    at_least,
+    at_most,
+)
 from host.errors import UserError
 
-DEG = 180.0 / math.pi
 HEADING = Fitted(
     key="lidar.heading_rad",
     name="heading of the lidar",
@@ -29,20 +36,10 @@ HEADING = Fitted(
     before=0.01,
     halves=(0.0522, 0.0527),
     unit="deg",
-    scale=DEG,
 )
-NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unit="mm", scale=1e3)
-USED = Check(
-    name="pairs used", value=71.2, threshold=50.0, unit="%", passed=True, advice="(never shown)"
-)
-FLAT = Check(
-    name="delay told from rotation",
-    value=1.2,
-    threshold=3.0,
-    unit="times",
-    passed=False,
-    advice="drive eights & stop <often>",
-)
+NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unit="mm")
+USED = at_least("pairs used", 0.712, 0.5, "%", "(never shown)")
+FLAT = at_least("delay separate from rotation", 1.2, 3.0, "times", "drive eights & stop <often>")
 PICTURES = (
     ReportPicture(
         title="Path $1 <b>",
@@ -143,13 +140,13 @@ def test_a_fit_that_passes_says_so_and_shows_every_figure() -> None:
 def test_a_fit_that_fails_says_why_and_what_to_do() -> None:
     words = page_of(calibration(USED, FLAT)).words
     assert "✗ Not to be used" in words
-    assert "delay told from rotation: drive eights & stop <often>" in words
+    assert "delay separate from rotation: drive eights & stop <often>" in words
     assert words.count("✗ fails") == 1
 
 
 @given(st.text(), st.text())
 def test_words_from_elsewhere_stay_words(source: str, advice: str) -> None:
-    check = Check(name=source, value=1.0, threshold=2.0, unit="m", passed=False, advice=advice)
+    check = at_least(source, 1.0, 2.0, "m", advice)
     text = as_html(calibration(check), source, "2026-11-22", advice)
     tags = as_html(calibration(FLAT), "", "2026-11-22", "").count("<")
     assert text.count("<") == tags
@@ -208,10 +205,10 @@ def test_the_file_is_written_or_the_reason_told(tmp_path: Path) -> None:
         write_html(tmp_path / "absent" / "a.html", calibration(), "a", "b", "c")
 
 
-def test_a_value_that_the_drive_cannot_tell_is_told_so_without_a_number() -> None:
+def test_a_value_that_is_not_observable_is_said_to_be_so_without_a_number() -> None:
     for sigma in (math.inf, math.nan):
         row = dataclasses.replace(HEADING, sigma=sigma)
-        assert row.failure == "heading of the lidar cannot be told from this drive"
+        assert row.failure == "heading of the lidar is not observable in this drive"
 
 
 def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
@@ -220,7 +217,7 @@ def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
     )
     assert (found["kind"], found["source"]) == ("lidar", "run.swarmloc")
     assert not found["passed"]
-    assert found["failures"] == ["delay told from rotation: drive eights & stop <often>"]
+    assert found["failures"] == ["delay separate from rotation: drive eights & stop <often>"]
     heading, noise = found["fitted"]
     assert heading["value"] == HEADING.value
     assert heading["halves"] == list(HEADING.halves or ())
@@ -240,7 +237,9 @@ def test_the_console_has_80_columns_and_the_verdict_last() -> None:
     (heading,) = (line for line in lines if line.startswith("heading"))
     words = " ".join(heading.split())
     assert words == "heading of the lidar 3.002 ± 0.017 deg 0.1 deg 0.573 ok"
-    assert text.endswith("not to be used:\n- delay told from rotation: drive eights & stop <often>")
+    assert text.endswith(
+        "not to be used:\n- delay separate from rotation: drive eights & stop <often>"
+    )
     assert as_text(calibration(USED)).endswith("\n\npassed")
 
 
@@ -265,16 +264,50 @@ def test_a_value_has_the_digits_that_its_sigma_allows(
 
 
 @pytest.mark.parametrize(
-    ("value", "passed", "shown"),
+    ("check", "found", "needed"),
     [
-        *((4.0, True, "≥ 3 m"), (2.0, False, "≥ 3 m")),
-        *((2.0, True, "≤ 3 m"), (4.0, False, "≤ 3 m")),
-        *((math.nan, False, "3 m"), (3.0, True, "3 m")),
+        (at_least("c", 4.0, 3.0, "m", "a"), "4 m", "≥ 3 m ok"),
+        (at_least("c", 2.0, 3.0, "m", "a"), "2 m", "≥ 3 m fails"),
+        (at_most("c", 2.0, 3.0, "m", "a"), "2 m", "≤ 3 m ok"),
+        (at_most("c", 4.0, 3.0, "m", "a"), "4 m", "≤ 3 m fails"),
+        (at_most("c", 3.0, 3.0, "m", "a"), "3 m", "≤ 3 m ok"),
+        (at_least("c", 2.99999, 3.0, "m", "a"), "2.99999 m", "≥ 3 m fails"),
+        (at_most("c", 3.00001, 3.0, "m", "a"), "3.00001 m", "≤ 3 m fails"),
+        (at_most("c", math.nan, 3.0, "m", "a"), "–", "≤ 3 m fails"),
+        (at_least("c", math.nan, 3.0, "m", "a"), "–", "≥ 3 m fails"),
+        (at_most("c", math.inf, 0.003, "mm rms", "a"), "–", "≤ 3 mm rms fails"),
+        (at_least("c", math.inf, 3.0, "m", "a"), "–", "≥ 3 m ok"),
+        (at_least("c", 0.02, -math.inf, "ms", "a"), "20 ms", "ok"),
+        (at_least("c", 0.02, math.nan, "ms", "a"), "20 ms", "fails"),
+        (at_most("c", -0.4967, 0.15, "%", "a"), "-49.67 %", "≤ 15 % ok"),
     ],
 )
-def test_a_check_shows_on_which_side_of_the_threshold_it_passes(
-    value: float, passed: bool, shown: str
+def test_a_check_shows_its_bound_on_its_own_side_whatever_came_out(
+    check: Check, found: str, needed: str
 ) -> None:
-    check = Check(name="c", value=value, threshold=3.0, unit="m", passed=passed, advice="a")
     line = as_text(calibration(check)).split("\nc ")[1].split("\n")[0]
-    assert line.split(maxsplit=2 if math.isfinite(value) else 1)[-1].startswith(shown)
+    assert " ".join(line.split()) == f"{found} {needed}"
+    side, word = needed.rpartition(" ")[::2]
+    words = page_of(calibration(check)).words
+    assert {found, side} - {""} <= set(words)
+    assert any(each.endswith(word) for each in words)
+    (entry,) = as_json(calibration(check), "", "")["checks"]
+    assert (entry["side"], entry["passed"]) == (check.side, word == "ok")
+
+
+def test_a_sigma_just_beyond_its_limit_is_shown_in_digits_enough() -> None:
+    row = dataclasses.replace(HEADING, sigma=math.radians(0.1000001), limit=math.radians(0.1))
+    assert row.failure == "heading of the lidar is known to 0.1000001 deg only, not to 0.1 deg"
+
+
+@given(st.floats(1e-6, 1e3), st.floats(1e-6, 1e3), st.floats(-1e3, 1e3), st.floats(0.0, 4.0))
+def test_halves_may_differ_by_six_sigmas_or_two_limits(
+    sigma: float, limit: float, middle: float, apart: float
+) -> None:
+    assume(abs(apart - 1.0) > 1e-6 and sigma <= limit)
+    bound = max(6.0 * sigma, 2.0 * limit)
+    halves = middle, middle + apart * bound
+    assume(abs(abs(halves[1] - halves[0]) / bound - apart) < 1e-7)
+    row = dataclasses.replace(HEADING, value=middle, sigma=sigma, limit=limit, halves=halves)
+    for each in (row, dataclasses.replace(row, halves=halves[::-1])):
+        assert ("two halves" in each.failure) == (apart > 1.0)

@@ -140,9 +140,9 @@ def test_too_few_pairs_are_refused() -> None:
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, -7.0)])
 def test_points_in_one_place_are_refused(place: tuple[float, float]) -> None:
     source = np.tile(place, (10, 1))
-    with pytest.raises(UserError, match="do not tell a rotation"):
+    with pytest.raises(UserError, match="do not determine a rotation"):
         align(source, np.random.default_rng(1).normal(0.0, 1.0, (10, 2)))
-    with pytest.raises(UserError, match="do not tell a rotation"):
+    with pytest.raises(UserError, match="do not determine a rotation"):
         align_robustly(source, source + 0.5, 0.1)
 
 

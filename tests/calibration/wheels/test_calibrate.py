@@ -7,16 +7,11 @@ import pytest
 from scipy.signal import lfilter
 
 from host.calibration.gathered import Gathered
-from host.calibration.wheels.calibrate import (
-    Drive,
-    advice,
-    apply,
-    calibrate,
-    drive_of_run,
-    drives_of,
-    end_error,
-    score,
-)
+from host.calibration.report.text import needed
+from host.calibration.wheels.calibrate import calibrate
+from host.calibration.wheels.drives import drive_of_run, drives_of, wheels_advice
+from host.calibration.wheels.model import Drive
+from host.calibration.wheels.unseen import apply_fit, end_error, score_unseen
 from host.config import Mocap, RobotConfig, Wheels
 from host.drivers.romeo.differential_drive import displacement
 from host.errors import UserError
@@ -196,12 +191,12 @@ def test_pushes_are_left_out():
         ("one direction, with straights", 0.2, np.resize(np.repeat([0.0, 1.0], 300), 6000)),
     ],
 )
-def test_a_path_that_cannot_tell_track_from_radii_is_refused(name, speeds, turn_rates):
+def test_a_path_that_does_not_separate_track_from_radii_is_refused(name, speeds, turn_rates):
     random = np.random.default_rng(5)
     ones = np.ones(6000)
     found = calibrate([drive(speeds * ones, turn_rates * ones, random)], Wheels(), Mocap())
-    assert "turned to the right" in failed(found), name
-    assert any("turning direction" in failure for failure in found.failures)
+    assert "rotation to the right" in failed(found), name
+    assert any("does not separate the track" in failure for failure in found.failures)
 
 
 def test_a_short_drive_is_refused():
@@ -231,7 +226,7 @@ def test_counts_that_are_decoded_otherwise_are_written_and_radii_kept(factor):
     told = Wheels(counts_per_turn=TRUE.counts_per_turn // factor)
     found = calibrate([wandering(1)], told, Mocap())
     assert found.settings == {"wheels.counts_per_turn": TRUE.counts_per_turn}
-    wheels, _ = apply(found, told, Mocap())
+    wheels, _ = apply_fit(found, told, Mocap())
     assert wheels.counts_per_turn == TRUE.counts_per_turn
     assert wheels.left_radius_m == pytest.approx(TRUE.left_radius_m, rel=0.01)
     fine = calibrate([wandering(1)], Wheels(counts_per_turn=4 * TRUE.counts_per_turn), Mocap())
@@ -274,7 +269,7 @@ def test_the_end_error_is_nothing_with_the_true_geometry_and_that_of_an_arc_othe
         update={"left_radius_m": 1.02 * 0.0331, "right_radius_m": 1.02 * 0.0321}
     )
     assert end_error(straight, larger, MOUNTED) == pytest.approx(0.02 * 3.0, rel=0.03)
-    report = score("x", [straight], (larger, MOUNTED), (TRUE, MOUNTED))
+    report = score_unseen("x", [straight], (larger, MOUNTED), (TRUE, MOUNTED))
     assert report["source"] == "x"
     assert report["nominal_end_error_m"] > 10.0 * report["fitted_end_error_m"]
     assert [run["name"] for run in report["runs"]] == ["made up"]
@@ -286,7 +281,7 @@ def test_a_drive_without_a_true_path_is_not_scored(late_s):
     seen = made.truth_times + late_s < math.inf
     torn = Drive(made.times, made.ticks, (made.truth_times + late_s)[seen], made.truth[seen])
     with pytest.raises(UserError, match="far cannot be scored"):
-        score("far", [torn], (TRUE, MOUNTED), (TRUE, MOUNTED))
+        score_unseen("far", [torn], (TRUE, MOUNTED), (TRUE, MOUNTED))
 
 
 def gathered(made, config):
@@ -319,14 +314,23 @@ def test_a_drive_is_made_of_messages():
         drives_of(empty)
 
 
+def test_a_radius_far_below_the_configured_one_is_refused_with_its_bound_above():
+    found = calibrate([wandering(1)], Wheels(right_radius_m=0.05), Mocap())
+    (check,) = (check for check in found.checks if "radius" in check.name)
+    assert not check.passed
+    assert check.value == pytest.approx(100.0 * (1.0 - 0.0321 / 0.05), abs=1.0)
+    assert needed(check) == "≤ 15 %"
+    assert "the right wheel's radius comes out -3" in check.advice
+
+
 def test_advice_says_what_is_missing_until_enough_was_driven():
-    assert "motion capture" in advice(Gathered(RobotConfig()))[0]
+    assert "motion capture" in wheels_advice(Gathered(RobotConfig()))[0]
     (circle,) = circles(10.0, 0.4)
-    said = "\n".join(advice(gathered(circle, RobotConfig())))
+    said = "\n".join(wheels_advice(gathered(circle, RobotConfig())))
     assert "drive further than 3 m: 1.0 m so far" in said
-    assert "turn to the right" in said
+    assert "rotate to the right" in said
     assert "straight" in said
-    assert advice(gathered(wandering(1), RobotConfig())) == []
+    assert wheels_advice(gathered(wandering(1), RobotConfig())) == []
 
 
 def test_in_the_simulation_sigmas_are_honest():
@@ -369,7 +373,7 @@ def sessions(recorded):
 
 def left_over(drives, nominal, fitted):
     """End error of the fit over that of the nominal geometry."""
-    found = score("test", drives, nominal, fitted)
+    found = score_unseen("test", drives, nominal, fitted)
     return found["fitted_end_error_m"] / found["nominal_end_error_m"]
 
 
@@ -381,7 +385,7 @@ def test_a_fit_to_half_of_each_session_carries_over_to_the_other_half(sessions):
         for second in (False, True):
             found = calibrate([half(run, second) for run in runs], *nominal)
             assert found.failures == []
-            fitted = apply(found, *nominal)
+            fitted = apply_fit(found, *nominal)
             kept.append(left_over([half(run, not second) for run in runs], nominal, fitted))
     assert np.mean(kept) <= 0.30, kept
 
@@ -392,7 +396,7 @@ def test_a_fit_to_free_driving_carries_over_and_says_so(sessions):
     found = calibrate(drives["free"], *nominal)
     assert found.failures == []
     assert found.warnings == ()
-    fitted = apply(found, *nominal)
+    fitted = apply_fit(found, *nominal)
     assert left_over(drives["circular"], nominal, fitted) <= 0.40
     assert left_over(drives["square"], nominal, fitted) <= 0.50
     # Windows of two seconds or the whole way: the rows of halves agree within their limits.
@@ -407,4 +411,4 @@ def test_what_circles_alone_do_not_tell_is_said(sessions):
     assert "carry over badly" in both.warnings[0]
     for run in (*drives["circular"], *drives["square"]):
         alone = calibrate([run], wheels, Mocap())
-        assert any("turning direction" in failure for failure in alone.failures), run.name
+        assert any("does not separate the track" in failure for failure in alone.failures), run.name
