@@ -9,6 +9,7 @@ from host.calibration.gathered import Gathered
 from host.calibration.lidar import calibrate as lidar
 from host.calibration.result import Calibration
 from host.calibration.wheels import calibrate as wheels
+from host.calibration.wheels.drives import drives_of
 from host.config import RobotConfig
 from host.errors import UserError
 from host.sessions.gathering import gather_source
@@ -32,7 +33,7 @@ def calibrate_from(
 
 def _wheels(gathered: Gathered) -> Calibration:
     config = gathered.config
-    return wheels.calibrate(wheels.drives_of(gathered), config.wheels, config.mocap)
+    return wheels.calibrate(drives_of(gathered), config.wheels, config.mocap)
 
 
 _FITS: dict[CalibrationKind, Callable[[Gathered], Calibration]] = {

@@ -1,7 +1,11 @@
 """A recording under other settings is what the devices would have given with those settings."""
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
@@ -86,6 +90,20 @@ def test_the_view_is_that_of_the_other_lens_and_what_it_does_not_draw_is_left_ou
         StripFinder(TOLD.camera, TOLD.camera.front).geometry.view[1]
     )
     assert found.view == StripFinder(camera, narrow).geometry.view
+
+
+@given(st.floats(0.003, 0.1), st.floats(0.003, 0.1), st.floats(0.002, 0.1))
+def test_the_pixels_own_noise_stays_when_that_of_lens_and_mounting_changes(
+    old: float, new: float, pixels: float
+) -> None:
+    def configured(noise: float) -> RobotConfig:
+        camera = TOLD.camera.model_copy(update={"bearing_noise_rad": noise})
+        return TOLD.model_copy(update={"camera": camera})
+
+    seen = Bearings(1.0, np.zeros(1), np.array([math.hypot(pixels, old) ** 2]), camera="front")
+    found = Reinterpretation(configured(old), configured(new)).of(seen)
+    assert isinstance(found, Bearings)
+    assert math.sqrt(found.variances[0]) == pytest.approx(math.hypot(pixels, new), rel=1e-6)
 
 
 def test_the_same_settings_change_nothing() -> None:

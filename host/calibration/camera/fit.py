@@ -266,13 +266,13 @@ class CameraProblem:
             gains = np.einsum("nij,ni->nj", rows, miss[used] / scale[:, None])
             prior = np.diag(self._spread[free] ** -2.0)
             inverse = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + prior)
-            meat = _scatter(self.strips.times[used], gains, inverse)
+            meat = scatter_of(self.strips.times[used], gains, inverse)
             covariance[np.ix_(free, free)] = sandwich(inverse, meat + prior)
         first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
         return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
 
 
-def _scatter(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
+def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
     """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
 
     gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by

@@ -61,7 +61,7 @@ def find_sectors(scans: Sequence[Scan], lidar: Lidar) -> list[FoundSector]:
     total = counts.sum(axis=0)
     found = _sectors(total, lidar)
     others = [_sectors(total - left_out, lidar) for left_out in counts]
-    return [_with_sigmas(sector, others) for sector in found]
+    return [with_sigmas(sector, others) for sector in found]
 
 
 def same_sector(sector: FoundSector, sectors: Sequence[FoundSector]) -> FoundSector | None:
@@ -72,7 +72,7 @@ def same_sector(sector: FoundSector, sectors: Sequence[FoundSector]) -> FoundSec
     return min(near, key=lambda s: abs(float(wrap(s.centre - sector.centre))), default=None)
 
 
-def _with_sigmas(sector: FoundSector, others: Sequence[list[FoundSector]]) -> FoundSector:
+def with_sigmas(sector: FoundSector, others: Sequence[list[FoundSector]]) -> FoundSector:
     """Jackknife over the pieces of the drive; where one of them decides, nothing is sure."""
     same = [same_sector(sector, sectors) for sectors in others]
     found = [s for s in same if s is not None]

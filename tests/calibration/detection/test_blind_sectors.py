@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from host.calibration.detection.blind_sectors import FoundSector, find_sectors
+from host.calibration.detection.blind_sectors import FoundSector, find_sectors, with_sigmas
 from host.config import Lidar
 from host.geometry import wrap
 from host.messages import FloatArray, Scan
@@ -21,13 +21,14 @@ def drive(
     headings: FloatArray | None = None,
     stray: float = 0.0,
     pillar_range_m: float = 0.0,
+    seed: int = 11,
 ) -> list[Scan]:
     """Scans of a robot at `headings` (turns,) rad; nothing comes back from a fifth of the room.
 
     stray: share of the samples behind pillars that give a return all the same. pillar_range_m:
     what the others give.
     """
-    random = np.random.default_rng(11)
+    random = np.random.default_rng(seed)
     headings = np.linspace(0.0, 9.0, turns) if headings is None else headings
     scans = []
     for k, heading in enumerate(headings):
@@ -58,6 +59,38 @@ def test_pillars_are_found_to_a_fraction_of_a_degree(
     for sector in found:
         assert 0.0 < sector.centre_sigma < math.radians(0.2)
         assert 0.0 < sector.width_sigma < math.radians(0.4)
+
+
+def test_sigmas_are_a_jackknifes_over_pieces_with_the_resolution_added() -> None:
+    """By hand: with eight estimates x, the variance is 7/8 of the sum of (x - mean)²."""
+    random = np.random.default_rng(3)
+    off, wider = random.normal(0.0, 0.01, (2, 8))
+    # About a pillar at the rear, whose estimates lie on both sides of half a circle.
+    pieces = [
+        FoundSector(float(wrap(math.pi + a)), 0.1 + b) for a, b in zip(off, wider, strict=True)
+    ]
+    found = with_sigmas(FoundSector(-math.pi, 0.1), [[piece] for piece in pieces])
+    bin_rad = math.tau / 1800
+    for sigma, draws, floor in (
+        (found.centre_sigma, off, 0.1 * bin_rad),
+        (found.width_sigma, wider, 0.2 * bin_rad),
+    ):
+        squares = 7.0 / 8.0 * sum((draw - sum(draws) / 8.0) ** 2 for draw in draws)
+        assert sigma == pytest.approx(math.sqrt(squares + floor**2), rel=1e-9)
+    once_missed = with_sigmas(FoundSector(-math.pi, 0.1), [[], *([piece] for piece in pieces)])
+    assert (once_missed.centre_sigma, once_missed.width_sigma) == (0.1, 0.1)
+
+
+def test_sectors_scatter_no_more_over_drives_than_their_sigmas_say() -> None:
+    """The scatter is well below the directions' resolution, which the sigmas include."""
+    off = []
+    for seed in range(6):
+        found = find_sectors(drive(PILLARS, turns=200, seed=seed), LIDAR)
+        off += [
+            float(wrap(sector.centre - math.radians(centre))) / sector.centre_sigma
+            for sector, (centre, _) in zip(found, sorted(PILLARS), strict=True)
+        ]
+    assert 0.2 < np.std(off) < 1.0
 
 
 def test_without_pillars_there_are_none_though_a_wall_is_dark() -> None:

@@ -1,9 +1,11 @@
 """Curves of detection by range, from views that are drawn from a known one."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
 from host.messages import FloatArray
@@ -56,10 +58,31 @@ def test_a_known_curve_is_found_to_its_own_sigmas() -> None:
 def test_sigmas_are_honest_also_where_views_in_a_row_say_the_same(sticky: int) -> None:
     z = [
         errors(fit_curve(views(np.random.default_rng([7, k]), sticky=sticky), CONFIGURED))
-        for k in range(16)
+        for k in range(80)
     ]
     spread = np.sqrt(np.mean(np.square(z), axis=0))
-    assert np.all((spread[:2] > 0.5) & (spread[:2] < 1.7)), spread
+    assert np.all((spread > 0.8) & (spread < 1.25)), spread
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_the_likeliest_curve_has_a_prior_worth_one_observation(count: int) -> None:
+    """The same maximum by scipy, from the formulas: one view each of so many teammates.
+
+    Independent views: log-likelihood, less (log k - log 5)² / 2, plus log(p (1 - p)) / 2 of the
+    probability close by.
+    """
+    drawn = views(np.random.default_rng([8, count]), count=count)
+    alone = dataclasses.replace(drawn, teammates=np.arange(count))
+
+    def surprise(x: FloatArray) -> float:
+        most, steepness = 1.0 / (1.0 + math.exp(-x[0])), math.exp(x[2])
+        p = most / (1.0 + np.exp(steepness * (alone.distances - x[1])))
+        seen = np.where(alone.seen, np.log(p), np.log1p(-p)).sum()
+        return float(0.5 * (x[2] - math.log(5.0)) ** 2 - 0.5 * math.log(most * (1 - most)) - seen)
+
+    best = minimize(surprise, np.array([2.0, 3.0, 1.6]), method="Nelder-Mead", tol=1e-9).x
+    expected = 1.0 / (1.0 + math.exp(-best[0])), best[1], math.exp(best[2])
+    assert fit_curve(alone, CONFIGURED).values == pytest.approx(expected, rel=1e-3)
 
 
 def test_false_readings_and_missed_gates_are_accounted_for() -> None:

@@ -158,3 +158,21 @@ def test_pairs_of_which_none_agree_are_refused() -> None:
     source, target = random.uniform(-2.0, 2.0, (2, 40, 2))
     with pytest.raises(UserError, match="agree"):
         align_robustly(source, target, 0.0001)
+
+
+@pytest.mark.parametrize("count", [3, 5, 12])
+def test_the_covariance_is_the_scatter_over_draws_however_few_the_pairs(count: int) -> None:
+    """With three pairs of six coordinates, three degrees of freedom are left: 2 n - 3."""
+    random = np.random.default_rng([21, count])
+    source = np.array([2.0, -1.0]) + random.normal(0.0, 1.0, (count, 2))
+    fits = []
+    for _ in range(1500):
+        target = moved(source, 0.2, -0.1, 0.5) + random.normal(0.0, 0.01, (count, 2))
+        fits.append(align(source, target))
+    scatter = np.cov(np.array([fit.pose for fit in fits]).T)
+    claimed = np.mean([fit.covariance for fit in fits], axis=0)
+    np.testing.assert_allclose(np.diag(claimed), np.diag(scatter), rtol=0.15)
+    sigmas = np.sqrt(np.diag(scatter))
+    np.testing.assert_allclose(
+        claimed / np.outer(sigmas, sigmas), scatter / np.outer(sigmas, sigmas), atol=0.15
+    )

@@ -120,15 +120,15 @@ def thirty():
 def test_sigmas_are_honest_over_30_drives(thirty):
     errors = np.array([normalised(found, TRUE, MOUNTED) for found in thirty])
     squares = (errors**2).mean(axis=0)
-    assert 0.5 <= squares.mean() <= 2.0, squares
-    assert 0.5 <= squares[:3].mean() <= 2.0, squares
+    for part in (squares[:3], squares[3:]):
+        assert 0.8 <= math.sqrt(part.mean()) <= 1.25, squares
 
 
 def test_sigmas_of_the_noises_are_how_far_these_scatter(thirty):
     for k in (-3, -2, -1):
         rows = [found.fitted[k] for found in thirty]
         scatter = np.std([row.value for row in rows], ddof=1)
-        assert 0.5 <= np.median([row.sigma for row in rows]) / scatter <= 2.0, rows[0].name
+        assert 0.7 <= np.median([row.sigma for row in rows]) / scatter <= 1.4, rows[0].name
 
 
 def test_noise_is_that_of_the_slip():
@@ -339,8 +339,13 @@ def test_in_the_simulation_sigmas_are_honest():
         update={"left_radius_m": 0.0319, "right_radius_m": 0.0331, "track_m": 0.151}
     )
     errors = []
+<<<<<<< HEAD
     for seed in range(5):
         scenario = parse_scenario(f"arena4:seed={seed},robots=1")
+=======
+    for seed in range(8):
+        scenario = parse(f"arena4:seed={seed},robots=1")
+>>>>>>> e20c539 (calibration: tests that fail where a sigma is off by a quarter, and on every mutant known)
         arena = Arena(scenario)
         times = np.arange(0.0, 45.0, 0.04)
         truth = arena.poses(times)[:, 0]
@@ -349,7 +354,7 @@ def test_in_the_simulation_sigmas_are_honest():
         noise = np.random.default_rng(seed).standard_normal(truth.shape) * (2e-4, 2e-4, 2e-3)
         found = calibrate([Drive(times, ticks, times, truth + noise)], told, config.mocap)
         errors.append(normalised(found, config.wheels, config.mocap))
-    assert 0.4 <= np.mean(np.square(errors)) <= 2.0
+    assert 0.8 <= math.sqrt(np.mean(np.square(errors))) <= 1.25
 
 
 # --- recorded runs of a real robot
