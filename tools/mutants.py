@@ -12,7 +12,6 @@ import argparse
 import ast
 import contextlib
 import copy
-import importlib.abc
 import importlib.util
 import os
 import random
@@ -22,11 +21,9 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import cv2  # noqa: F401  (imported once, before the forks)
-import hypothesis  # noqa: F401
-import pydantic  # noqa: F401
+import hypothesis
 import pytest
 import scipy.spatial
 import scipy.stats  # noqa: F401
@@ -37,6 +34,8 @@ ROOT = Path(__file__).resolve().parent.parent
 MOST = 10  # mutants of one function: a random choice where it has more
 LEAST_SHARE = 0.9  # of the mutants that no reason excuses
 SEED = 7
+# What is imported already is not rewritten by pytest, which warns of it.
+_OPTIONS = ["-x", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
 _SLOWER = 6.0  # than the unchanged code: taken for an endless loop
 
 
@@ -60,10 +59,9 @@ def sample() -> list[Target]:
     return found
 
 
-_PAIRS = (
-    "Add Sub, Mult Div, LShift RShift, BitAnd BitOr, Lt LtE, Gt GtE, Eq NotEq, Is IsNot, In NotIn"
-)
-_ONE_WAY = "FloorDiv Mult, Mod Mult, Pow Mult, BitXor BitOr, And Or, Or And"
+_PAIRS = "Add Sub, Mult Div, LShift RShift, BitAnd BitOr, And Or"
+_PAIRS += ", Lt LtE, Gt GtE, Eq NotEq, Is IsNot, In NotIn"
+_ONE_WAY = "FloorDiv Mult, Mod Mult, Pow Mult, BitXor BitOr"
 _SWAPS: dict[type, type] = {}
 for _pair in f"{_PAIRS}, {_ONE_WAY}".split(", "):
     _from, _to = (getattr(ast, name) for name in _pair.split())
@@ -75,44 +73,42 @@ for _pair in f"{_PAIRS}, {_ONE_WAY}".split(", "):
 def _changed(node: ast.AST) -> Iterator[ast.AST]:
     """The nodes that may stand in place of this one."""
     if isinstance(node, ast.BinOp | ast.AugAssign | ast.BoolOp) and type(node.op) in _SWAPS:
-        other = copy.deepcopy(node)
-        other.op = _SWAPS[type(node.op)]()  # type: ignore[assignment]
-        yield other
+        yield _with(node, op=_SWAPS[type(node.op)]())
     if isinstance(node, ast.Compare):
         for k, operator in enumerate(node.ops):
-            other = copy.deepcopy(node)
-            other.ops[k] = _SWAPS[type(operator)]()  # type: ignore[call-overload]
-            yield other
+            swapped = [*node.ops[:k], _SWAPS[type(operator)](), *node.ops[k + 1 :]]
+            yield _with(node, ops=swapped)
     if isinstance(node, ast.BoolOp):
         for k in range(len(node.values)):  # each condition dropped
-            kept = [value for j, value in enumerate(node.values) if j != k]
+            kept = node.values[:k] + node.values[k + 1 :]
             yield kept[0] if len(kept) == 1 else ast.BoolOp(node.op, kept)
     if isinstance(node, ast.UnaryOp):
         yield node.operand  # the sign, or the negation, dropped
     if isinstance(node, ast.If | ast.IfExp | ast.While):
-        other = copy.deepcopy(node)
-        other.test = ast.UnaryOp(ast.Not(), other.test)
-        yield other
+        yield _with(node, test=ast.UnaryOp(ast.Not(), node.test))
     if isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
         value = node.value
-        if isinstance(value, bool):
-            yield ast.Constant(not value)
-        else:
-            yield ast.Constant(value + 1 if isinstance(value, int) else 2.0 * value or 1.0)
+        changed = value + 1 if isinstance(value, int) else 2.0 * value or 1.0
+        yield ast.Constant(not value if isinstance(value, bool) else changed)
 
 
-def _sites(node: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
-    """Every place in a function's body that can be changed, as parent, field and index there."""
-    for field, value in ast.iter_fields(node):
-        if field in ("annotation", "returns", "decorator_list", "args") and not isinstance(
-            node, ast.Call
-        ):
-            continue
-        for k, child in enumerate(value if isinstance(value, list) else [value]):
+def _with(node: ast.AST, **fields: object) -> ast.AST:
+    other = copy.copy(node)
+    for name, value in fields.items():
+        setattr(other, name, value)
+    return other
+
+
+def _nodes(parent: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Every node of a function's body that may be changed, with its parent."""
+    skipped = () if isinstance(parent, ast.Call) else ("annotation", "returns", "args")
+    for field, value in ast.iter_fields(parent):
+        for node in value if isinstance(value, list) else [value]:
             # What an error says, and strings that are put together, are for reading.
-            if isinstance(child, ast.AST) and not isinstance(child, ast.Raise | ast.JoinedStr):
-                yield node, field, k if isinstance(value, list) else None
-                yield from _sites(child)
+            read = field in skipped or isinstance(node, ast.Raise | ast.JoinedStr)
+            if isinstance(node, ast.AST) and not read:
+                yield node, parent
+                yield from _nodes(node)
 
 
 def _function(tree: ast.Module, name: str) -> ast.FunctionDef:
@@ -125,41 +121,36 @@ def _function(tree: ast.Module, name: str) -> ast.FunctionDef:
 
 def mutants(tree: ast.Module, name: str) -> list[tuple[str, ast.Module]]:
     """The mutants of one function: what was changed, in words, and the module with the change."""
-    found: list[tuple[str, ast.Module]] = []
-    for parent, field, k in _sites(_function(tree, name)):
-        value = getattr(parent, field)
-        old: ast.AST = value if k is None else value[k]
+    function, found = _function(tree, name), []
+    for old, parent in list(_nodes(function)):
+        whole = f"   in {_line(parent)}" if isinstance(old, ast.Constant) else ""
         for new in _changed(old):
-            if k is None:
-                setattr(parent, field, new)
-            else:
-                value[k] = new
-            line = getattr(old, "lineno", 0)
-            before, after = (ast.unparse(n).split("\n")[0] for n in (old, new))
-            context = ast.unparse(parent).split("\n")[0] if isinstance(old, ast.Constant) else ""
-            words = f"{before} -> {after}" + (f"   in {context}" if context else "")
-            found.append((f"{line}: {words}", copy.deepcopy(tree)))
-            if k is None:
-                setattr(parent, field, old)
-            else:
-                value[k] = old
+            words = f"{_line(old)} -> {_line(new)}{whole}"
+            _Exchange(old, new).visit(function)
+            found.append((words, copy.deepcopy(tree)))
+            _Exchange(new, old).visit(function)
     return found
 
 
-class _Loader(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Loads one module from a syntax tree."""
+def _line(node: ast.AST) -> str:
+    return ast.unparse(node).split("\n")[0]
 
-    def __init__(self, module: str, path: Path, tree: ast.Module) -> None:
-        self._module, self._path = module, str(path)
-        self._code = compile(ast.fix_missing_locations(tree), self._path, "exec")
 
-    def find_spec(self, name: str, path: object, target: object = None) -> object:  # type: ignore[override]
-        if name != self._module:
-            return None
-        return importlib.util.spec_from_file_location(name, self._path, loader=self)  # type: ignore[arg-type]
+class _Exchange(ast.NodeTransformer):
+    def __init__(self, old: ast.AST, new: ast.AST) -> None:
+        self._old, self._new = old, new
 
-    def exec_module(self, module: ModuleType) -> None:
-        exec(self._code, module.__dict__)
+    def visit(self, node: ast.AST) -> ast.AST:
+        return self._new if node is self._old else super().visit(node)  # type: ignore[no-any-return]
+
+
+def _load(target: Target, path: Path, tree: ast.Module) -> None:
+    """Put the module made from a syntax tree where imports find it."""
+    spec = importlib.util.spec_from_file_location(target.module, path)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[target.module] = module
+    exec(compile(ast.fix_missing_locations(tree), str(path), "exec"), module.__dict__)
 
 
 def passes(target: Target, path: Path, tree: ast.Module, patience_s: float) -> bool:
@@ -169,19 +160,11 @@ def passes(target: Target, path: Path, tree: ast.Module, patience_s: float) -> b
         os.setpgid(0, 0)
         code = 2
         try:
-            sys.meta_path.insert(0, _Loader(target.module, path, tree))
             sink = os.open(os.devnull, os.O_WRONLY)
             os.dup2(sink, 1)
             os.dup2(sink, 2)
-            # What is imported already is not rewritten by pytest, which warns of it.
-            options = [
-                "-x",
-                "-p",
-                "no:cacheprovider",
-                "-W",
-                "ignore::pytest.PytestAssertRewriteWarning",
-            ]
-            code = int(pytest.main([*options, *target.tests]))
+            _load(target, path, tree)
+            code = int(pytest.main([*_OPTIONS, *target.tests]))
         finally:
             os._exit(code)
     end = time.monotonic() + patience_s
@@ -204,15 +187,10 @@ def survivors(target: Target) -> tuple[int, list[str]]:
     if not passes(target, path, tree, 600.0):
         sys.exit(f"{target.function}: its tests fail, or cannot run, with the code as it is")
     patience_s = 10.0 + _SLOWER * (time.monotonic() - start)
-    tried = [m for m in mutants(tree, target.function) if _text(m[0]) not in target.equivalent]
+    tried = [m for m in mutants(tree, target.function) if m[0] not in target.equivalent]
     if len(tried) > MOST:
         tried = [tried[k] for k in sorted(random.Random(SEED).sample(range(len(tried)), MOST))]
     return len(tried), [words for words, t in tried if passes(target, path, t, patience_s)]
-
-
-def _text(words: str) -> str:
-    """What was changed, without the number of its line."""
-    return words.partition(": ")[2]
 
 
 def main() -> int:
@@ -220,6 +198,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="functions whose module or name holds this")
     only = parser.parse_args().only
+    phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # one failure is enough
+    hypothesis.settings.register_profile("mutants", phases=phases)
+    hypothesis.settings.load_profile("mutants")
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     total = left = 0
@@ -231,7 +212,7 @@ def main() -> int:
         total, left = total + tried, left + len(alive)
         print(f"{name}: {tried - len(alive)} of {tried} killed", flush=True)
         for words in alive:
-            print(f"    line {words}", flush=True)
+            print(f"    survived: {words}", flush=True)
     share = (total - left) / max(total, 1)
     print(f"{total - left} of {total} mutants killed, {share:.1%}; needed {LEAST_SHARE:.0%}")
     return int(share < LEAST_SHARE)
