@@ -121,9 +121,8 @@ class Lens:
         radii = self.radius(np.arctan2(across, z))
         on_axis = (across == 0.0) & (z > 0.0)
         with np.errstate(invalid="ignore"):  # no direction across: nan, but for the axis itself
-            scale = np.where(on_axis, 0.0, radii)
             offset = np.stack((x, y), axis=1) / np.where(on_axis, 1.0, across)[:, None]
-        return self._centre + scale[:, None] * offset
+        return self._centre + radii[:, None] * offset
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
         """Unit rays (n, 3), camera frame, that meet the picture at `pixels` (n, 2).
