@@ -30,6 +30,12 @@ def by_pillow(width: int, height: int, seed: int, **settings: object) -> bytes:
     return file.getvalue()
 
 
+def by_pillow_in_cmyk() -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(noise(64, 48, 9)).convert("CMYK").save(file, "JPEG")
+    return file.getvalue()
+
+
 def with_segment(jpeg: bytes, code: int, content: bytes) -> bytes:
     """The picture with one more segment, right after its start."""
     length = (len(content) + 2).to_bytes(2, "big")
@@ -47,8 +53,34 @@ PICTURES = [
     with_segment(by_pillow(100, 60, 7), 0xE1, b"Exif\0\0" + THUMBNAIL),
     with_segment(by_opencv(100, 60, 8), 0xFE, b"\xff\xd9" * 9),
     PLAIN[:2] + b"\xff\xff\xff" + PLAIN[2:-2] + b"\xff\xff" + PLAIN[-2:],  # filling
+    by_pillow_in_cmyk(),  # four components
     PLAIN[:-2] + b"\xff\xdc\x00\x04\x00\x30" + PLAIN[-2:],  # the number of lines comes last
 ]
+
+
+FRAME = PLAIN.index(b"\xff\xc0")  # marker, length (2), bits, height (2), width (2), components
+SCAN = PLAIN.index(b"\xff\xda")  # marker, length (2), components
+FRAME_END = FRAME + 2 + int.from_bytes(PLAIN[FRAME + 2 : FRAME + 4], "big")
+
+
+def changed(at: int, *values: int) -> bytes:
+    return PLAIN[:at] + bytes(values) + PLAIN[at + len(values) :]
+
+
+SENSELESS = {
+    "no height": changed(FRAME + 5, 0, 0),
+    "no width": changed(FRAME + 7, 0, 0),
+    "no components in the frame": changed(FRAME + 9, 0),
+    "too many components in the frame": changed(FRAME + 9, 4),
+    "two frames": PLAIN[:FRAME_END] + PLAIN[FRAME:],
+    "no frame before the scan": PLAIN[:FRAME] + PLAIN[FRAME_END:],
+    "no components in the scan": PLAIN[:SCAN] + b"\xff\xda\0\x06\0\0\x3f\0" + PLAIN[SCAN + 14 :],
+    "five components in the scan": PLAIN[:SCAN]
+    + b"\xff\xda\0\x10\x05"
+    + bytes(13)
+    + PLAIN[SCAN + 14 :],
+    "too few components in the scan": changed(SCAN + 4, 2),
+}
 
 
 def split(*pieces: bytes) -> tuple[list[bytes], dict[str, int]]:
@@ -68,6 +100,13 @@ def test_a_picture_comes_out_with_its_last_byte(picture: bytes) -> None:
     splitter = Splitter()
     assert splitter.feed(picture[:-1]) == []
     assert splitter.feed(picture[-1:]) == [picture]
+
+
+@pytest.mark.parametrize("case", SENSELESS)
+def test_a_header_that_makes_no_sense_is_no_picture_and_costs_no_other(case: str) -> None:
+    found, counts = split(SENSELESS[case] + PLAIN)
+    assert found == [PLAIN]
+    assert counts["torn"] >= 1
 
 
 @pytest.mark.parametrize("picture", PICTURES)
