@@ -141,16 +141,21 @@ class ScanDecoder:
             return 0
         length = HEADER_LENGTH + 2 * header.size
         end = start + length
-        sent = 0.0
+        content = self._buffer[start + HEADER_LENGTH : end]
         for chunk_end, arrival in self._arrivals:
             if chunk_end >= end:
                 sent = arrival - length * _SECONDS_PER_BYTE
+                self._accept(header, content, sent, (chunk_end - end) * _SECONDS_PER_BYTE, scans)
                 break
-        self._accept(header, self._buffer[start + HEADER_LENGTH : end], sent, scans)
         return length
 
-    def _accept(self, header: PacketHeader, content: bytes, sent: float, scans: list[Scan]) -> None:
-        """Add a sound packet, which was `sent` at the latest, to its revolution."""
+    def _accept(
+        self, header: PacketHeader, content: bytes, sent: float, waited: float, scans: list[Scan]
+    ) -> None:
+        """Add a sound packet to its revolution.
+
+        sent: when at the latest. waited: how long at least it lay in the host's buffer, s.
+        """
         starts, _, size, first, span = header
         counts, clock = self.counts, self._clock
         counts["packets"] += 1
@@ -161,12 +166,13 @@ class ScanDecoder:
             gap, lost = self._explain_gap(gap, header)
             counts["points_lost"] += lost
             clock.count += lost
-        late = clock.advance(size, sent)
+        late = clock.advance(size, sent) - waited
         revolution = self._revolution
         if starts or not revolution.has_room(gap, span, size):
             revolution = self._begin(header)
             gap = 0
-        revolution.torn |= lost > 0
+        if lost:
+            revolution.torn = True
         if self._delay is not None or late > Delay.LATE_S:
             self._watch_delay(late, sent, lost > 0)
             revolution = self._revolution

@@ -83,12 +83,17 @@ class Revolution:
         """The scan, counter-clockwise with the angle correction; sample 0 was taken at `offset`."""
         samples = np.frombuffer(b"".join(self._contents), dtype="<u2").astype(np.intp)
         number = np.arange(float(self.total))
-        first, span, size, count = np.array(self._fields, dtype=np.float64).reshape(-1, 4).T
-        before = np.cumsum(size) - size
-        step = -UNIT_RAD * span / np.maximum(size - 1.0, 1.0)
+        sizes = self._fields[2::4]
+        lines = np.array(self._fields, dtype=np.float64).reshape(-1, 4).T
+        first, span, size, count = lines
+        before = size.cumsum() - size
         # Each packet's line taken back to the revolution's first sample.
-        lines = np.stack((-UNIT_RAD * first - step * before, step, count - before), axis=1)
-        angle, step, count = np.repeat(lines, size.astype(np.intp), axis=0).T
+        span *= -UNIT_RAD
+        span /= np.maximum(size - 1.0, 1.0)
+        first *= -UNIT_RAD
+        first -= span * before
+        count -= before
+        angle, step, _, count = lines.repeat(sizes, axis=1)
         angles = angle + step * number
         angles -= _CORRECTIONS.take(samples)
         angles[angles < -math.pi] += 2.0 * math.pi
