@@ -72,10 +72,10 @@ class Tracks:
     def own(self, times: FloatArray) -> FloatArray:
         """Poses (k, 3) of the robot itself on the floor at `times` (k,)."""
         body = self.body(self._body, times)
-        place, turn = self._robot
+        place, rotation = self._robot
         own = np.empty_like(body)
         own[:, :2] = to_parent(np.broadcast_to(place, (len(body), 2)), body)
-        own[:, 2] = body[:, 2] + turn
+        own[:, 2] = body[:, 2] + rotation
         return own
 
     def relative(self, identity: int, times: FloatArray) -> FloatArray:

@@ -69,22 +69,23 @@ class Fitted:
 class Check:
     """A condition on the data or on the fit as a whole; made by `at_least` or `at_most`.
 
-    value and bound in `unit`, as the screen has them. side: on which side of the bound the value
-    must be. advice: what to do where it fails. A value that is not a number fails.
+    value and threshold in `unit`, as the screen has them. side: of the threshold, on which the
+    value must be. advice: what to do where it fails. A value that is not a number fails.
     """
 
     name: str
     value: float
     side: Literal["at least", "at most"]
-    bound: float
+    threshold: float
     unit: str
     advice: str
 
     @property
     def passed(self) -> bool:
-        """Whether the value keeps to its bound."""
-        keeps = self.value >= self.bound if self.side == "at least" else self.value <= self.bound
-        return bool(keeps)
+        """Whether the value keeps to its threshold."""
+        if self.side == "at least":
+            return self.value >= self.threshold
+        return self.value <= self.threshold
 
 
 def at_least(name: str, value: float, bound: float, unit: str, advice: str) -> Check:
@@ -107,7 +108,7 @@ def _check(
 ) -> Check:
     scale = SCREEN_UNITS.get(unit.partition(" ")[0], 1.0)  # "mm rms" is in mm
     value, bound = float(value) * scale, float(bound) * scale
-    return Check(name=name, value=value, side=side, bound=bound, unit=unit, advice=advice)
+    return Check(name=name, value=value, side=side, threshold=bound, unit=unit, advice=advice)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,15 +15,13 @@ from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, Array, Float, Integer
+from tomlkit.items import AoT, Array
 
+from host.calibration.robot_file_comments import update_comment
 from host.config import RobotConfig, Section, load_config, parse_config
 from host.errors import UserError
 
 _DIGITS = 6  # significant: a micrometre of a wheel, a hundredth of a pixel
-# Figures with these units in a comment may tell the value once more, times this.
-_OTHER_UNITS = {"deg": 180.0 / math.pi, "mm": 1e3, "cm": 1e2, "ms": 1e3, "%": 1e2}
-_FIGURE = re.compile(rf"(?<![\w.])(-?\d+(?:\.(\d+))?)(\s*)({'|'.join(_OTHER_UNITS)})(?!\w)")
 _HEADER = re.compile(r"\s*\[([^\[\]]+)\]\s*(?:#.*)?$")
 _WHOLE: Any = RobotConfig()
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
@@ -34,8 +32,8 @@ def update(path: Path, settings: Mapping[str, Any], note: str) -> None:
 
     A list of dicts is written as an array of tables. note: one line that says date, source and
     residuals; it becomes a comment under the header of each table that is written to, in place of
-    an earlier one there that reads the same up to its date (YYYY-MM-DD). A comment that tells a
-    changed value in another unit tells the new one. The file changes as a whole or not at all.
+    an earlier one there that reads the same up to its date (YYYY-MM-DD). A comment that has a
+    changed value in another unit gets the new one. The file changes as a whole or not at all.
 
     Raises UserError where the file cannot be read or written, or would not be a valid one.
     """
@@ -180,7 +178,7 @@ def _change(table: Any, key: str, value: Any) -> None:
             table[key].trivia.trail = "\n\n"
     elif before != value:
         table[key] = in_lines(value) if isinstance(before, Array) else value
-        _retell(table[key], before, value)
+        update_comment(table[key], before, value)
 
 
 def in_lines(value: list[dict[str, Any]]) -> Array:
@@ -210,27 +208,6 @@ def _change_items(items: AoT, values: list[dict[str, Any]]) -> None:
         table.update(value)
         table.add(tomlkit.nl())
         items.append(table)
-
-
-def _retell(item: Any, before: Any, value: Any) -> None:
-    """Keep the comment behind a changed number true, and where it stood."""
-    if not isinstance(item, Integer | Float) or not isinstance(before, Integer | Float):
-        return
-    trivia = item.trivia
-    if not trivia.comment:
-        return
-    gap = len(trivia.comment_ws) + len(before.as_string()) - len(item.as_string())
-    trivia.comment_ws = " " * max(2, gap)
-
-    def figure(match: re.Match[str]) -> str:
-        shown, decimals, space, unit = match.groups()
-        factor = _OTHER_UNITS[unit]
-        places = len(decimals or "")
-        if abs(float(shown) - before * factor) > 0.51 * 10.0**-places:
-            return match[0]  # tells of something else
-        return f"{value * factor:.{max(places, 1)}f}{space}{unit}"
-
-    trivia.comment = _FIGURE.sub(figure, trivia.comment)
 
 
 def _annotate(

@@ -123,8 +123,8 @@ def camera_advice(gathered: Gathered) -> list[str]:
         missing.append(f"go nearer to a teammate than {_NEAR_M} m")
     if len(ranges) and not (ranges > _FAR_M).any():
         missing.append(f"go farther from a teammate than {_FAR_M} m")
-    turns = np.array([d.dpsi for d in gathered.displacements] or [0.0])
-    for way, total in (("left", turns[turns > 0.0].sum()), ("right", -turns[turns < 0.0].sum())):
+    steps = np.array([d.dpsi for d in gathered.displacements] or [0.0])
+    for way, total in (("left", steps[steps > 0.0].sum()), ("right", -steps[steps < 0.0].sum())):
         if gathered.displacements and total < _ENOUGH_ROTATION_RAD:
             missing.append(f"rotate more to the {way}: {math.degrees(total):.0f} deg so far")
     return missing

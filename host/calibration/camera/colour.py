@@ -25,7 +25,7 @@ _GREEN, _RED, _BLUE = (60, 200, 60), (60, 60, 230), (230, 160, 60)
 
 
 def read_picture(path: Path) -> bytes:
-    """The bytes of a picture as a sequential JPEG; other kinds are turned into one.
+    """The bytes of a picture as a sequential JPEG; other kinds are converted to one.
 
     Raises UserError where the file is no picture.
     """
@@ -55,7 +55,7 @@ def pixels_of_best_blob(picture: Image, strip: Strip, geometry: StripGeometry) -
     picture: reduced, (h, w, 3). Empty where there is none.
     """
     hue, saturation, value = _hsv(picture)
-    near = np.abs(_turn(hue - strip.hue_deg)) <= _NEAR_HUE_DEG
+    near = np.abs(_hue_difference(hue - strip.hue_deg)) <= _NEAR_HUE_DEG
     high = (geometry.elevation >= geometry.lowest) & (geometry.elevation <= geometry.highest)
     shown = np.zeros(near.shape, dtype=bool)
     shown[: len(high)] = high & (geometry.drawn > 0)
@@ -78,7 +78,9 @@ def learn(pixels: Image, strip: Strip) -> Strip:
     hue, saturation, value = _hsv(pixels)
     kept = (saturation >= _COLOURED) & (value >= _BRIGHT)
     if kept.any():
-        kept &= np.abs(_turn(hue - _commonest(hue[kept], saturation[kept]))) <= _NEAR_HUE_DEG
+        kept &= (
+            np.abs(_hue_difference(hue - _commonest(hue[kept], saturation[kept]))) <= _NEAR_HUE_DEG
+        )
         # What the strip fills only in part is paler than the strip.
         kept &= saturation >= 0.6 * float(np.percentile(saturation[kept], 90))
     if np.count_nonzero(kept) < _LEAST_PIXELS:
@@ -88,7 +90,7 @@ def learn(pixels: Image, strip: Strip) -> Strip:
             "draw a box around a strip with --box x,y,width,height (in pixels of the picture)",
         )
     middle = _mean_hue(hue[kept], saturation[kept])
-    low, high = np.percentile(_turn(hue[kept] - middle), [2, 98])
+    low, high = np.percentile(_hue_difference(hue[kept] - middle), [2, 98])
     width = max(float(high - low) + 2.0 * _HUE_MARGIN_DEG, _LEAST_WIDTH_DEG)
     dullest = float(np.percentile(saturation[kept], 5))
     darkest = float(np.percentile(value[kept], 5))
@@ -112,7 +114,7 @@ def _hsv(picture: Image) -> tuple[FloatArray, FloatArray, FloatArray]:
     return hsv[..., 0], hsv[..., 1], hsv[..., 2]
 
 
-def _turn(degrees: FloatArray) -> FloatArray:
+def _hue_difference(degrees: FloatArray) -> FloatArray:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 

@@ -81,7 +81,7 @@ def pictures(
                     style="line",
                 ),
             ),
-            caption="Good is one narrow valley; a flat one tells no delay.",
+            caption="Good is one narrow valley; in a flat one the delay is not observable.",
         ),
         ReportPicture(
             title="Before and after",

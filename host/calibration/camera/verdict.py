@@ -48,7 +48,7 @@ def verdict(
             sigma,
             _DELAY_S,
             "ms",
-            "rotate the robot to the left and to the right in turn while teammates are in view: "
+            "rotate the robot to the left and to the right while teammates are in view: "
             "at one constant speed a delay looks like a camera that is mounted askew",
         ),
         at_least(

@@ -14,7 +14,7 @@ from host.messages import BoolArray, FloatArray
 
 _BIN_M, _BIN_RAD = 0.25, math.radians(5.0)
 _MOST_POINTS = 2000
-_BLIND_M = 2.0  # detection by bearing is told of views nearer than this
+_BLIND_M = 2.0  # detection by bearing is that of views nearer than this
 _NEAREST_BIN_VIEWS = 5
 
 

@@ -14,7 +14,7 @@ from host.messages import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's, told apart by the colour-blind too; markers tell series apart in grey.
+# Okabe and Ito's, distinct for the colour-blind, too; markers make series distinct in grey.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _MARKERS = ("o", "s", "^", "D", "v", "x")
 _INK, _FAINT = "#1c2733", "#d8dee4"

@@ -13,9 +13,9 @@ from host.calibration.report.text import (
     found,
     limit,
     needed,
+    row_verdict,
     value_alike,
     value_and_sigma,
-    verdict,
 )
 from host.calibration.result import Calibration, Fitted, ReportPicture
 from host.calibration.robot_file import in_lines
@@ -23,55 +23,7 @@ from host.errors import UserError
 
 __all__ = ["as_html", "as_json", "as_text", "write_html"]
 
-_CSS = """
-:root { --ink: #1c2733; --soft: #5b6975; --rule: #d8dee4; --good: #00664b; --bad: #a33c00; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 62rem; padding: 2.5rem 1.5rem 4rem; color: var(--ink);
-  background: #fff; font: 15px/1.5 system-ui, "Segoe UI", "Helvetica Neue", "DejaVu Sans",
-  sans-serif; }
-h1 { margin: 0; font-size: 1.9rem; font-weight: 650; letter-spacing: -0.01em; }
-h2 { margin: 2.4rem 0 0.6rem; font-size: 1.1rem; font-weight: 650; }
-.about { margin: 0.3rem 0 1.6rem; color: var(--soft); overflow-wrap: anywhere; }
-.verdict { margin: 0; padding: 1rem 1.25rem; border-left: 6px solid; border-radius: 3px; }
-.verdict strong { display: block; font-size: 1.45rem; line-height: 1.3; }
-.verdict p, .verdict ul { margin: 0.4rem 0 0; color: var(--ink); }
-.verdict ul { padding-left: 1.2rem; }
-.verdict li { margin: 0.15rem 0; }
-.passed { border-color: var(--good); background: #eef7f3; color: var(--good); }
-.failed { border-color: var(--bad); background: #fdf3ec; color: var(--bad); }
-.wide { overflow-x: auto; }
-table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th { padding: 0.3rem 0.7rem; border-bottom: 1.5px solid var(--ink); color: var(--soft);
-  font-size: 0.82rem; font-weight: 600; text-align: left; vertical-align: bottom; }
-td { padding: 0.4rem 0.7rem; border-bottom: 1px solid var(--rule); vertical-align: top; }
-th:first-child, td:first-child { min-width: 15rem; padding-left: 0; }
-th:last-child, td:last-child { padding-right: 0; }
-.n { text-align: right; }
-.key, .advice { display: block; color: var(--soft); font-size: 0.82rem; overflow-wrap: anywhere; }
-.key { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: 0.78rem; }
-.ok, .fails { white-space: nowrap; }
-.ok { color: var(--good); font-weight: 600; }
-.fails { color: var(--bad); font-weight: 700; }
-.note { color: var(--soft); font-size: 0.88rem; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(22rem, 1fr));
-  gap: 2rem 1.75rem; align-items: start; }
-figure { margin: 0; break-inside: avoid; }
-figure h3 { margin: 0 0 0.4rem; font-size: 0.95rem; font-weight: 650; }
-figure svg { display: block; width: 100%; height: auto; }
-figcaption { margin-top: 0.4rem; color: var(--soft); font-size: 0.86rem; }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: 0.25rem 1.5rem; margin: 0; }
-dt { color: var(--soft); }
-dd { margin: 0; overflow-wrap: anywhere; white-space: pre-line;
-  font-variant-numeric: tabular-nums; }
-pre { margin: 0; padding: 0.9rem 1.1rem; white-space: pre-wrap; background: #f5f7f9;
-  border-radius: 3px; font: 0.8rem/1.5 ui-monospace, "DejaVu Sans Mono", monospace; }
-@media print {
-  body { max-width: none; padding: 0; font-size: 10.5pt; }
-  .verdict, pre { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
-  h2 { break-after: avoid; } tr { break-inside: avoid; }
-  .pictures { grid-template-columns: 1fr 1fr; gap: 1.2rem; }
-}
-"""
+_CSS = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
 _NO_MATPLOTLIB = (
     "The pictures are missing, because matplotlib is not installed: "
     "pip install matplotlib and calibrate once more."
@@ -113,7 +65,7 @@ def as_html(calibration: Calibration, source: str, date: str, config_name: str) 
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(title)}, {_text(date)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        f"<title>{_text(title)}, {_text(date)}</title>\n<style>\n{_CSS}</style>\n</head>\n<body>\n"
         + "\n".join(part for part in parts if part)
         + "\n</body>\n</html>\n"
     )
@@ -175,7 +127,7 @@ def _fitted_row(row: Fitted) -> list[str]:
         "" if row.before is None else _text(value_alike(row, row.before)),
         _text(first),
         _text(second),
-        _word(verdict(row)),
+        _word(row_verdict(row)),
     ]
 
 
@@ -194,7 +146,7 @@ def _checks(calibration: Calibration) -> str:
             + ("" if check.passed else f'<span class="advice">{_text(check.advice)}</span>'),
             _text(found(check)),
             _text(needed(check)),
-            _word(verdict(check)),
+            _word(row_verdict(check)),
         ]
         for check in calibration.checks
     ]

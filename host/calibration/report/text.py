@@ -1,5 +1,6 @@
 """A calibration's numbers as people and programs read them: console table and JSON."""
 
+import dataclasses
 import math
 import textwrap
 from typing import Any
@@ -36,7 +37,7 @@ def _decimals(sigma: float) -> int:
     return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
 
 
-def verdict(row: Fitted | Check) -> str:
+def row_verdict(row: Fitted | Check) -> str:
     """ "ok", "fails", or "" where nothing is asked of it."""
     if isinstance(row, Check):
         return "ok" if row.passed else "fails"
@@ -49,16 +50,16 @@ def found(check: Check) -> str:
     """What a check found, with its unit."""
     if not math.isfinite(check.value):
         return "–"
-    value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.bound)
+    value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.threshold)
     return f"{value} {check.unit}".rstrip()
 
 
 def needed(check: Check) -> str:
     """The bound of a check, and on which side of it the value must be; "" where any will do."""
-    if not math.isfinite(check.bound):
+    if not math.isfinite(check.threshold):
         return ""
     side = "≥" if check.side == "at least" else "≤"
-    return f"{side} {check.bound:.4g} {check.unit}".rstrip()
+    return f"{side} {check.threshold:.4g} {check.unit}".rstrip()
 
 
 def as_text(calibration: Calibration) -> str:
@@ -68,11 +69,11 @@ def as_text(calibration: Calibration) -> str:
     ]
     for row in calibration.fitted:
         before = "" if row.before is None else value_alike(row, row.before)
-        lines.append(_row(row.name, value_and_sigma(row), limit(row), before, verdict(row)))
+        lines.append(_row(row.name, value_and_sigma(row), limit(row), before, row_verdict(row)))
     if calibration.checks:
         lines += ["", _row("checks", "found", "needed", "", "")]
         lines += [
-            _row(check.name, found(check), needed(check), "", verdict(check))
+            _row(check.name, found(check), needed(check), "", row_verdict(check))
             for check in calibration.checks
         ]
     if calibration.residuals:
@@ -111,28 +112,14 @@ def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
         "failures": calibration.failures,
         "fitted": [
             {
-                "key": row.key,
-                "name": row.name,
-                "value": _json(row.value),
-                "sigma": _json(row.sigma),
-                "limit": _json(row.limit),
-                "before": _json(row.before),
-                "halves": _json(row.halves),
+                **_json(dataclasses.asdict(row)),
                 "shown": value_and_sigma(row),
                 "passed": not row.failure,
             }
             for row in calibration.fitted
         ],
         "checks": [
-            {
-                "name": check.name,
-                "value": _json(check.value),
-                "side": check.side,
-                "threshold": _json(check.bound),
-                "unit": check.unit,
-                "passed": check.passed,
-                "advice": check.advice,
-            }
+            {**_json(dataclasses.asdict(check)), "passed": check.passed}
             for check in calibration.checks
         ],
         "residuals": calibration.residuals,

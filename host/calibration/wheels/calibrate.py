@@ -1,7 +1,7 @@
 """Calibration of the wheels: radii, track and noise of a differential drive, against a true path.
 
-A radius and the counts per turn are one thing together: only the way per tick is seen. Radii are
-fitted, and counts are left alone unless the way per tick is off by about 2 or 4, as it is where
+A radius and the counts per revolution are one thing together: only the way per tick is seen. Radii
+are fitted, and counts are left alone unless the way per tick is off by about 2 or 4, as it is where
 edges of the encoder's signals are counted otherwise than configured.
 """
 
@@ -79,18 +79,18 @@ def _usable(drives: Sequence[Drive]) -> list[Drive]:
 
 
 def _fit(drives: Sequence[Drive], counts: int, nominal: FloatArray, both_ways: bool) -> Fit:
-    """The fit, with other counts per turn where those are what is wrong."""
+    """The fit, with other counts per revolution where those are what is wrong."""
     start = rough_start(drives, counts, nominal)
     if start is None:
         raise UserError(
             "the wheels cannot be calibrated: the robot hardly moved",
             "in the time in which both its ticks and its true path are known",
-            "drive it for a minute, straight and in turns both ways, in view of motion capture",
+            "drive it for a minute, straight and in curves both ways, in view of motion capture",
         )
     if both_ways:
         _check_signs(start)
     else:
-        # Only turns both ways tell the wheels apart.
+        # Only rotations both ways separate the wheels.
         start[:2] = nominal[:2] * np.median(np.abs(start[:2] / nominal[:2]))
         start[2] = nominal[2]
     factor = round(math.log2(math.sqrt(abs(start[0] * start[1] / (nominal[0] * nominal[1])))))

@@ -63,10 +63,10 @@ def wheels_advice(gathered: Gathered) -> list[str]:
     steps = [(step.time, step.dx, step.dpsi) for step in gathered.displacements if step.ticks]
     if not steps:
         return ["no wheel ticks have come yet: drive"]
-    times, ways, turns = np.array(steps).T
+    times, ways, rotations = np.array(steps).T
     bins = ((times - times[0]) / BIN_S).astype(np.int64)
-    turned = np.bincount(bins, turns)
-    left, right = turned[turned > 0.0].sum(), abs(turned[turned < 0.0].sum())
+    rotated = np.bincount(bins, rotations)
+    left, right = rotated[rotated > 0.0].sum(), abs(rotated[rotated < 0.0].sum())
     way = np.abs(ways).sum()
     missing = []
     if way < LEAST_WAY_M:
@@ -78,7 +78,7 @@ def wheels_advice(gathered: Gathered) -> list[str]:
                 f"rotate to the {side} by {math.degrees(1.2 * LEAST_TURN_RAD):.0f} deg: "
                 f"{math.degrees(angle):.0f} so far"
             )
-    straight = np.abs(np.bincount(bins, ways))[np.abs(turned) < 0.2].sum()
+    straight = np.abs(np.bincount(bins, ways))[np.abs(rotated) < 0.2].sum()
     if straight < 0.05 * way:
         missing.append(f"drive straight on for a while: {straight:.1f} m of {way:.1f} m so far")
     return missing

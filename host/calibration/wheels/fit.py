@@ -88,16 +88,16 @@ def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) ->
     windows = windows.where(moving(drives, windows))
     if len(windows) < 4:
         return None
-    x, y, turn = motions(drives, windows).T
+    x, y, rotation = motions(drives, windows).T
     metres = 2.0 * math.pi / counts * configured[:2] * (-1.0, 1.0)
     ways = advance(drives, [drive.ticks * metres for drive in drives], windows)
     usual = np.full(2, 1.0 / configured[2])
-    per_way = usual + _solve(ways, turn - ways @ usual, 0.05 / usual[0])
+    per_way = usual + _solve(ways, rotation - ways @ usual, 0.05 / usual[0])
     per_way = np.where(np.abs(per_way) < 1e-3 * usual, usual, per_way)
     # Radii and track are known up to one common factor now.
     shape = configured.copy()
     shape[:2] *= per_way * configured[2]
-    c, s = 1.0 - np.cos(turn), np.sin(turn)
+    c, s = 1.0 - np.cos(rotation), np.sin(rotation)
     along = np.stack((x, -y, c, s), axis=1), np.stack((y, x, -s, c), axis=1)
     by_wheels = np.zeros((len(windows), 3))
     for number, drive in enumerate(drives):
@@ -155,9 +155,9 @@ def fit(
 
 
 def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatArray:
-    """Standard deviation (w, 3) of what windows miss: its square grows with way and turn.
+    """Standard deviation (w, 3) of what windows miss: its square grows with way and rotation.
 
-    exposure (w, 3): one, way, turn. Robust: squares count up to 9 times what is expected of them.
+    exposure (w, 3): one, way, rotation. Robust: squares count up to 9 times what is expected.
     """
     sigmas = np.zeros_like(wrong)
     for k, least in enumerate(NOISE_FLOOR):

@@ -68,15 +68,15 @@ def configured(values: FloatArray, wheels: Wheels, mocap: Mocap) -> tuple[Wheels
 def path(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
     """Robot poses (n, 3) at drive.times by the wheels alone, from (0, 0, 0).
 
-    Perera 2021 eq. 31-32, each step an arc as in `differential_drive`. counts: per turn of
-    a wheel.
+    Perera 2021 eq. 31-32, each step an arc as in `differential_drive`. counts: per
+    revolution of a wheel.
     """
     ways = 2.0 * math.pi / counts * values[:2] * (drive.ticks - drive.ticks[0])
     heading = (ways[:, 1] - ways[:, 0]) / values[2]
     distance = np.diff(ways.mean(axis=1), prepend=0.0)
-    turn = np.diff(heading, prepend=0.0)
-    chord = distance * np.sinc(turn / (2.0 * math.pi))
-    middle = heading - 0.5 * turn
+    rotation = np.diff(heading, prepend=0.0)
+    chord = distance * np.sinc(rotation / (2.0 * math.pi))
+    middle = heading - 0.5 * rotation
     steps = chord * np.cos(middle), chord * np.sin(middle)
     return np.stack((np.cumsum(steps[0]), np.cumsum(steps[1]), heading), axis=1)
 
@@ -135,13 +135,13 @@ def windows_of(drives: Sequence[Drive], length_s: float, stride_s: float) -> Win
     parts = [np.zeros((0, 3), dtype=np.int64)]
     for number, drive in enumerate(drives):
         times, (first, last) = drive.truth_times, drive.span
-        wanted = np.arange(first, last - length_s + 1e-9, stride_s)
+        due = np.arange(first, last - length_s + 1e-9, stride_s)
         if last - first < length_s:
             continue
-        starts, ends = _nearest(times, wanted), _nearest(times, wanted + length_s)
-        off = np.maximum(np.abs(times[starts] - wanted), np.abs(times[ends] - wanted - length_s))
+        starts, ends = _nearest(times, due), _nearest(times, due + length_s)
+        off = np.maximum(np.abs(times[starts] - due), np.abs(times[ends] - due - length_s))
         good = (times[starts] >= first) & (times[ends] <= last) & (off <= 0.5 * stride_s)
-        parts.append(np.stack((np.full(len(wanted), number), starts, ends), axis=1)[good])
+        parts.append(np.stack((np.full(len(due), number), starts, ends), axis=1)[good])
     return Windows(*np.concatenate(parts).T)
 
 
@@ -159,9 +159,9 @@ def advance(drives: Sequence[Drive], columns: Sequence[FloatArray], windows: Win
     return grown
 
 
-def _nearest(times: FloatArray, wanted: FloatArray) -> IntArray:
-    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
-    earlier = wanted - times[after - 1] < times[after] - wanted
+def _nearest(times: FloatArray, due: FloatArray) -> IntArray:
+    after = np.clip(np.searchsorted(times, due), 1, len(times) - 1)
+    earlier = due - times[after - 1] < times[after] - due
     return np.asarray(after - earlier, dtype=np.int64)
 
 

@@ -21,7 +21,7 @@ _STRAIGHT_RAD = 0.1  # rotated by less, the drift of a window is observable
 _LEAST_WINDOWS = 4
 _PIECES = 8  # of the drives, each left out once
 _DRIFT_SHARE = math.sqrt(0.1)  # of the heading's noise, where nothing was driven straight
-_REST = 0.1  # of the squared error, left to the turns at least
+_REST = 0.1  # of the squared error, left to the rotations at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,9 @@ class Noise:
 class _Missed:
     """What windows (w,) of one length miss.
 
-    pieces (w,): of the drives, 0 to 7. exposure (w, 2): way (m) and turn (rad) driven. heading (w,)
-    rad: missed; longer (w,) m: of the way. straight, open (w,): those that tell of drift, of way.
+    pieces (w,): of the drives, 0 to 7. exposure (w, 2): way (m) and rotation (rad) driven.
+    heading (w,) rad: missed; longer (w,) m: of the way. straight, open (w,): those in which the
+    drift, and the way, are observable.
     """
 
     length_s: float
@@ -75,7 +76,7 @@ def _missed(
     windows = windows.where(moving(drives, windows))
     wrong = misses(drives, fitted.counts, fitted.values, windows)
     moved = motions(drives, windows)
-    turned = np.abs(moved[:, 2])
+    rotated = np.abs(moved[:, 2])
     longer = np.hypot(*(moved + wrong)[:, :2].T) - np.hypot(*moved[:, :2].T)
     count = len(windows)
     return _Missed(
@@ -83,15 +84,15 @@ def _missed(
         np.arange(count) * _PIECES // max(count, 1),
         advance(drives, travelled, windows),
         wrong[:, 2],
-        longer / np.sinc(np.minimum(turned, _BENT_RAD) / math.tau),  # arc over chord
-        turned < _STRAIGHT_RAD,
-        turned < _BENT_RAD,
+        longer / np.sinc(np.minimum(rotated, _BENT_RAD) / math.tau),  # arc over chord
+        rotated < _STRAIGHT_RAD,
+        rotated < _BENT_RAD,
     )
 
 
 def _noises(missed: Sequence[_Missed], left_out: int) -> tuple[float, float, float]:
     """Distance, heading and drift from all windows but those of the piece `left_out`."""
-    turns, ways, drifts = [], [], []
+    rotations, ways, drifts = [], [], []
     for of in missed:
         kept = of.pieces != left_out
         if np.count_nonzero(kept) < _LEAST_WINDOWS:
@@ -100,29 +101,29 @@ def _noises(missed: Sequence[_Missed], left_out: int) -> tuple[float, float, flo
         if np.count_nonzero(straight) >= _LEAST_WINDOWS:
             drifts.append(_growth(of.exposure[straight], of.heading[straight]))
         if of.length_s > _WINDOWS_S[0]:
-            turns.append(_growth(of.exposure[kept], of.heading[kept]))
+            rotations.append(_growth(of.exposure[kept], of.heading[kept]))
         if of.length_s < _WINDOWS_S[-1] and np.count_nonzero(open_) >= _LEAST_WINDOWS:
             ways.append(_growth(of.exposure[open_], of.longer[open_]))
     drift2 = _slope([(metres, square) for metres, _, square in drifts])
-    heading2 = _slope([_of_turns(point, drift2) for point in turns])
+    heading2 = _slope([_of_turns(point, drift2) for point in rotations])
     distance2 = _slope([(metres, square) for metres, _, square in ways])
     return math.sqrt(distance2), math.sqrt(heading2), math.sqrt(drift2)
 
 
 def _of_turns(point: tuple[float, float, float], drift2: float) -> tuple[float, float]:
-    """What of a growth (way, turned, squared error) is for the turns."""
-    way, turned, square = point
+    """What of a growth (way, rotated, squared error) is for the rotations."""
+    way, rotated, square = point
     if math.isnan(drift2):
-        return turned + _DRIFT_SHARE**2 * way, square
-    return turned, max(square - drift2 * way, _REST * square)
+        return rotated + _DRIFT_SHARE**2 * way, square
+    return rotated, max(square - drift2 * way, _REST * square)
 
 
 def _growth(exposure: FloatArray, wrong: FloatArray) -> tuple[float, float, float]:
-    """Mean way and turn and mean squared error of windows, without those far out."""
+    """Mean way and rotation and mean squared error of windows, without those far out."""
     sigma = max(normal_sigma(wrong), NOISE_FLOOR[0])
     good = np.abs(wrong) <= OUTLIER * sigma
-    way, turned = exposure[good].mean(axis=0)
-    return float(way), float(turned), float(np.mean(wrong[good] ** 2))
+    way, rotated = exposure[good].mean(axis=0)
+    return float(way), float(rotated), float(np.mean(wrong[good] ** 2))
 
 
 def _slope(points: Sequence[tuple[float, float]]) -> float:
@@ -138,7 +139,7 @@ def _slope(points: Sequence[tuple[float, float]]) -> float:
 
 
 def _travelled(drive: Drive, fitted: Fit) -> FloatArray:
-    """Way (m) and turned angle (rad) since the start of a drive (n, 2), without sign."""
+    """Way (m) and rotated angle (rad) since the start of a drive (n, 2), without sign."""
     steps = np.diff(path(drive, fitted.counts, fitted.values), axis=0, prepend=np.zeros((1, 3)))
     way = np.hypot(steps[:, 0], steps[:, 1])
     return np.cumsum(np.stack((way, np.abs(steps[:, 2])), axis=1), axis=0)

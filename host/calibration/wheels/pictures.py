@@ -20,7 +20,7 @@ from host.calibration.wheels.model import (
 from host.calibration.wheels.verdict import Coverage
 from host.messages import FloatArray
 
-Geometry = tuple[int, FloatArray]  # counts per turn, and values
+Geometry = tuple[int, FloatArray]  # counts per revolution, and values
 
 _MOST_POINTS, _MOST_PATHS = 1500, 4
 
@@ -33,7 +33,7 @@ def pictures(
 ) -> tuple[ReportPicture, ...]:
     """Paths, headings, what was driven, and what the fit leaves.
 
-    nominal: counts per turn and values, as configured.
+    nominal: counts per revolution and values, as configured.
     """
     lags = found.values[LAGS].reshape(-1, 2)
     # How late ticks are was not configured: what was before has that of the fit.

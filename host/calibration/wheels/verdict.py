@@ -47,26 +47,26 @@ class Coverage:
 
 
 def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
-    """What the drives hold of ways and turns."""
+    """What the drives hold of ways and rotations."""
     windows = windows_of(drives, BIN_S, BIN_S)
     if not len(windows):
         return Coverage(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(0), np.zeros(0))
     moved = motions(drives, windows)
-    turn = moved[:, 2]
+    rotation = moved[:, 2]
     # The chord of an arc is shorter than the arc.
-    way = np.hypot(moved[:, 0], moved[:, 1]) / np.maximum(np.abs(np.sinc(turn / math.tau)), 0.1)
-    side = 0.5 * track_m * np.abs(turn)
+    way = np.hypot(moved[:, 0], moved[:, 1]) / np.maximum(np.abs(np.sinc(rotation / math.tau)), 0.1)
+    side = 0.5 * track_m * np.abs(rotation)
     share = side / np.maximum(way + side, 1e-9)
     weight = np.maximum(way + side, 1e-12)
     mean = np.average(share, weights=weight)
     return Coverage(
         float(way.sum()),
-        float(turn[turn > 0.0].sum()),
-        float(-turn[turn < 0.0].sum()),
+        float(rotation[rotation > 0.0].sum()),
+        float(-rotation[rotation < 0.0].sum()),
         float(way[share < 0.05].sum() / max(way.sum(), 1e-9)),
         math.sqrt(np.average((share - mean) ** 2, weights=weight)),
         way / BIN_S,
-        turn / BIN_S,
+        rotation / BIN_S,
     )
 
 
@@ -89,7 +89,7 @@ def value_rows(
         value = float(wrap(found.values[k])) if k == 5 else float(found.values[k])
         both = None
         if halves is not None:
-            # A heading near the half turn stays beside the other ones.
+            # A heading near half a circle stays beside the other ones.
             apart = [float(half[k] - found.values[k]) for half in halves]
             apart = [float(wrap(x)) for x in apart] if k == 5 else apart
             both = value + apart[0], value + apart[1]
