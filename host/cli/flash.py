@@ -32,7 +32,7 @@ Examples:
 def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
     """Build the firmware, upload it to the board and read back what the board then runs.
 
-    It is built with PlatformIO where that is installed and finds what it needs, otherwise with
+    It is built with PlatformIO if that is installed and finds what it needs, otherwise with
     Debian's avr-gcc.
     """
     click.echo("building the firmware (PlatformIO downloads its compiler the first time)")

@@ -19,7 +19,7 @@ _REFERENCE = re.compile(r"\{([\w.]+)\}")
 
 
 class ArduinoCore:
-    """The core in a folder, for one of its boards. Raises OSError where it is not there."""
+    """The core in a folder, for one of its boards. Raises OSError if it is absent."""
 
     def __init__(self, folder: Path = DEBIAN, board: str = BOARD) -> None:
         self.descriptions = (folder / "platform.txt", folder / "boards.txt")

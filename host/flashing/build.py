@@ -34,8 +34,8 @@ def build_with_avr_gcc(
     """Build with Debian's avr-gcc and Arduino core, once for each state of the sources.
 
     defines: preprocessor macros for the project's own files. project: a folder with src/ and
-    perhaps include/. Raises UserError where packages are missing (it names them) or where the
-    sources do not compile.
+    perhaps include/. Raises UserError if packages are missing (it names them) or the sources
+    do not compile.
     """
     require_avr_gcc()
     core = ArduinoCore()
@@ -56,7 +56,7 @@ def build(project: Path = PROJECT) -> Firmware:
 
 
 def require_avr_gcc() -> None:
-    """Raise UserError where Debian's packages for a build are missing."""
+    """Raise UserError if Debian's packages for a build are missing."""
     missing = [package for package, file in _PACKAGES.items() if not file.exists()]
     if missing:
         raise UserError(
@@ -147,7 +147,7 @@ def _digest(files: Iterable[Path], settings: Iterable[str]) -> str:
 
 
 def _once(name: str, make: Callable[[Path], None]) -> Path:
-    """A folder that `make` fills where it is not there: whole or absent, whoever else builds."""
+    """A folder that `make` fills if it is absent: it is complete, even if several build at once."""
     folder = build_folder() / name
     if folder.is_dir():
         return folder

@@ -30,7 +30,7 @@ class _Section(NamedTuple):
 
 
 def section_sizes(elf: Path) -> dict[str, int]:
-    """Bytes by section (".text", ".data", ...). Raises UserError where the file is no such ELF."""
+    """Bytes by section (".text", ".data", ...). Raises UserError if the file is no such ELF."""
     data, sections, names = _read(elf)
     return {_text(data, names.offset + one.name): one.size for one in sections}
 
@@ -38,7 +38,7 @@ def section_sizes(elf: Path) -> dict[str, int]:
 def symbols(elf: Path) -> dict[str, int]:
     """Addresses in bytes by symbol: in flash of code, in RAM of data; EEPROM's are left out.
 
-    Names are the linker's: those of C++ are mangled. Raises UserError where the file is no ELF of
+    Names are the linker's: those of C++ are mangled. Raises UserError if the file is no ELF of
     an AVR.
     """
     data, sections, _ = _read(elf)
@@ -56,7 +56,7 @@ def symbols(elf: Path) -> dict[str, int]:
 def flash_image(elf: Path) -> bytes:
     """What an AVR's ELF puts into flash, from address 0; gaps are erased (0xFF).
 
-    Raises UserError where it is no such file.
+    Raises UserError if it is no such file.
     """
     try:
         data = elf.read_bytes()

@@ -30,21 +30,21 @@ TOUCH_BAUDRATE = 1200  # opened and closed at this speed, the sketch gives way t
 UPLOAD_BAUDRATE = 57600
 BOOTLOADER_S = 8.0  # to appear, and about as long it stays
 BUTTON_S = 30.0  # for a person to press the reset button
-UPLOAD_S = 20.0  # by itself avrdude would try a mute bootloader for 50 s
+UPLOAD_S = 20.0  # avrdude alone would retry for 50 s if the bootloader does not answer
 SKETCH_S = 10.0
 LOG = "avrdude.log"  # in build_folder()
 
 _BY_HAND = (
-    "press its reset button (twice in quick succession where once does nothing) and run "
+    "press its reset button (twice in quick succession if once does nothing) and run "
     "`swarmloc flash` again within 8 s"
 )
-# What avrdude says: why, and what to do.
+# A pattern in avrdude's output, the cause, and what to do.
 _AVRDUDE_CAUSES = (
     (r"permission denied", "this user may not use the bootloader's port", PASTE_RULE),
     (
         r"verif|mismatch",
         "what was read back from the board is not what was written",
-        "run `swarmloc flash` again, with another USB cable where it stays so",
+        "run `swarmloc flash` again; if it fails again, use another USB cable",
     ),
     (
         r"not respond|recv|timeout|initiali[sz]ation failed|programmer id",
@@ -52,7 +52,7 @@ _AVRDUDE_CAUSES = (
         "spoke to it",
         f"stop that program, {_BY_HAND}",
     ),
-    (r"cannot open|can't open|no such", "the bootloader's port vanished", _BY_HAND),
+    (r"cannot open|can't open|no such", "the bootloader's port disappeared", _BY_HAND),
 )
 
 
@@ -110,22 +110,22 @@ def find_avrdude() -> list[str]:
 def enter_bootloader(board: BoardPort, report: Callable[[str], None]) -> BoardPort:
     """Have the sketch give way to the bootloader; the bootloader's port, open to this user.
 
-    Where the touch does nothing it asks for the reset button. Raises UserError where the
-    bootloader does not appear within BUTTON_S after that either.
+    If the touch does nothing, it asks for the reset button. Raises UserError if the bootloader
+    does not appear within BUTTON_S after that either.
     """
     before = [one.path for one in boards() if one.in_bootloader]
     touch(board.path)
 
-    def wanted(one: BoardPort) -> bool:
+    def expected(one: BoardPort) -> bool:
         return one.in_bootloader and one.same_board(board)
 
-    found = wait_for(wanted, BOOTLOADER_S, unlike=before)
+    found = wait_for(expected, BOOTLOADER_S, unlike=before)
     if found is None:
         report(
             "its bootloader does not answer the touch at 1200 baud: press the board's reset button "
-            "now (twice in quick succession where once does nothing)"
+            "now (twice in quick succession if once does nothing)"
         )
-        found = wait_for(wanted, BUTTON_S, unlike=before)
+        found = wait_for(expected, BUTTON_S, unlike=before)
     if found is None:
         still = os.path.exists(board.path)
         raise UserError(
@@ -145,7 +145,7 @@ def enter_bootloader(board: BoardPort, report: Callable[[str], None]) -> BoardPo
 def touch(path: str) -> None:
     """Open the port at 1200 baud and close it with DTR off. Raises UserError."""
     port = open_board(path, TOUCH_BAUDRATE)
-    # A board that is fast vanishes before the port is closed.
+    # A fast board disappears from USB before the port is closed.
     with contextlib.suppress(OSError):
         port.dtr = False
     with contextlib.suppress(OSError):

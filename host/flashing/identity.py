@@ -26,7 +26,7 @@ IDENTITY_S = 4.0
 def identity_of(project: Path = PROJECT) -> IdentityFrame:
     """What firmware built from the project's sources will say of itself.
 
-    Raises UserError where they cannot be read or speak another protocol than this host.
+    Raises UserError if they cannot be read or are of another protocol than this host's.
     """
     try:
         text = "".join(
@@ -34,7 +34,7 @@ def identity_of(project: Path = PROJECT) -> IdentityFrame:
         )
     except OSError as error:
         raise UserError(
-            "cannot tell the firmware's version",
+            "cannot find out the firmware's version",
             f"{error.filename}: {error.strerror}",
             "restore its include/ folder, or install swarmloc again",
         ) from error
@@ -43,7 +43,7 @@ def identity_of(project: Path = PROJECT) -> IdentityFrame:
     missing = [name for name in names if name not in values]
     if missing:
         raise UserError(
-            "cannot tell the firmware's version",
+            "cannot find out the firmware's version",
             f"{project / 'include'} does not define {', '.join(missing)}",
             "restore version.h, and run python tools/generate_protocol.py",
         )
@@ -58,7 +58,7 @@ def identity_of(project: Path = PROJECT) -> IdentityFrame:
 
 
 def read_identity(path: str) -> IdentityFrame:
-    """What the board at the port says of itself. Raises UserError where it says nothing."""
+    """What the board at the port says of itself. Raises UserError if it does not answer."""
     try:
         with open_board(path, BAUDRATE, patience_s=IDENTITY_S) as port:
             return _greet(port)

@@ -27,7 +27,7 @@ def build_with_platformio(project: Path = PROJECT, workspace: Path | None = None
     """Build with PlatformIO, which downloads what its folder (PLATFORMIO_CORE_DIR) lacks.
 
     project: a folder with a platformio.ini. workspace: for what is built; None: one in
-    build_folder(). Raises UserError where PlatformIO is not installed or the build fails.
+    build_folder(). Raises UserError if PlatformIO is not installed or the build fails.
     """
     pio = find_platformio()
     if pio is None:

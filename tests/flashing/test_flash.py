@@ -277,7 +277,7 @@ def test_the_bootloader_is_mute(
 
 
 def test_avrdude_cannot_open_the_port(firmware: Firmware, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="the bootloader's port vanished"):
+    with pytest.raises(UserError, match="the bootloader's port disappeared"):
         romeo_flash.upload(find_avrdude(), firmware.hex, str(tmp_path / "none"))
 
 

@@ -1,4 +1,4 @@
-"""The simulated board's C part: built with the system's compiler where needed, loaded by ctypes."""
+"""The simulated board's C part: built with the system's compiler if needed, loaded by ctypes."""
 
 import ctypes
 import functools
@@ -61,7 +61,7 @@ _FUNCTIONS = {
 def load() -> ctypes.CDLL:
     """Return the library, its functions declared. Calls into it release the interpreter's lock.
 
-    Raises UserError where it is not built yet and cannot be.
+    Raises UserError if it is not built yet and cannot be.
     """
     path = build()
     try:
