@@ -7,6 +7,7 @@ from typing import Any, Literal
 from host.messages import FloatArray
 
 _APART_SIGMAS, _APART_LIMITS = 6.0, 2.0  # beyond both, the halves of the data disagree
+_MOST_POINTS = 2000  # of a series
 SCREEN_UNITS = {"deg": 180.0 / math.pi, "mm": 1e3, "cm": 1e2, "ms": 1e3, "%": 1e2}
 """How many of a unit of the screen make one SI unit; units that are not here are SI."""
 
@@ -119,6 +120,12 @@ class Series:
     y: FloatArray
     label: str = ""
     style: Literal["points", "line", "bars"] = "points"
+
+
+def thinned(x: FloatArray, y: FloatArray, label: str = "") -> Series:
+    """Points (n,) of a picture, no more of them, and evenly, than one can see."""
+    step = max(1, -(-len(x) // _MOST_POINTS))
+    return Series(x=x[::step], y=y[::step], label=label)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

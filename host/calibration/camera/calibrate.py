@@ -20,7 +20,7 @@ from host.calibration.camera.model import LENS_NAMES, NAMES
 from host.calibration.camera.pairs import CAMERAS, Captured, reference_of, strips_of
 from host.calibration.camera.pictures import pictures
 from host.calibration.camera.verdict import Halves, verdict
-from host.calibration.gathered import Gathered
+from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.robust.time_offset import scan
@@ -123,10 +123,9 @@ def camera_advice(gathered: Gathered) -> list[str]:
         missing.append(f"go nearer to a teammate than {_NEAR_M} m")
     if len(ranges) and not (ranges > _FAR_M).any():
         missing.append(f"go farther from a teammate than {_FAR_M} m")
-    steps = np.array([d.dpsi for d in gathered.displacements] or [0.0])
-    for way, total in (("left", steps[steps > 0.0].sum()), ("right", -steps[steps < 0.0].sum())):
-        if gathered.displacements and total < _ENOUGH_ROTATION_RAD:
-            missing.append(f"rotate more to the {way}: {math.degrees(total):.0f} deg so far")
+    if gathered.displacements:
+        steps = np.array([d.dpsi for d in gathered.displacements])
+        missing += missing_rotations(steps, _ENOUGH_ROTATION_RAD)
     return missing
 
 

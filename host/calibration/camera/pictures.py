@@ -15,11 +15,10 @@ from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.gathered import Gathered
-from host.calibration.result import ReportPicture, Series
+from host.calibration.result import ReportPicture, Series, thinned
 from host.calibration.robust.time_offset import DelayCurve
 from host.messages import BoolArray, FloatArray
 
-_MOST_POINTS = 800
 _BEARING = "bearing in the robot frame, deg (left is positive)"
 
 
@@ -135,6 +134,4 @@ def _by_camera(
 
 
 def _points(label: str, x: FloatArray, y: FloatArray, chosen: BoolArray) -> Series:
-    places = np.flatnonzero(chosen)
-    places = places[:: max(1, -(-len(places) // _MOST_POINTS))]
-    return Series(x=x[places], y=y[places], label=label)
+    return thinned(x[chosen], y[chosen], label)

@@ -9,10 +9,9 @@ from scipy.special import erf
 
 from host.calibration.detection.lidar_views import LidarSurvey, behind_something
 from host.calibration.detection.range_curve import Views
-from host.calibration.gathered import Gathered, Tracks
+from host.calibration.gathered import Gathered, Tracks, untracked
 from host.calibration.robust.statistics import jackknife_sigma, normal_sigma, pieces_of
 from host.config import Lidar
-from host.errors import UserError
 from host.geometry import to_frame, wrap
 from host.messages import Bearings, BoolArray, FloatArray
 
@@ -130,11 +129,7 @@ def survey_cameras(gathered: Gathered, tracks: Tracks, scanned: LidarSurvey | No
     """
     pictures = _Pictures(gathered.bearings, tracks)
     if not pictures.shown:
-        raise UserError(
-            "no picture of the cameras can be compared with motion capture",
-            "the robot's own body was not tracked during any of them",
-            "check that the robot is in the capture volume, and that both run at the same time",
-        )
+        raise untracked("no picture of the cameras")
     spread = pictures.spread()
     gate = GATE_SIGMAS * spread
     false, free, places = pictures.free(_CLEAR_SIGMAS * spread)

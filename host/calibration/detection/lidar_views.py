@@ -8,11 +8,10 @@ import numpy as np
 from host.calibration.detection.blind_sectors import FoundSector
 from host.calibration.detection.crossings import Crossings, true_path
 from host.calibration.detection.range_curve import Views
-from host.calibration.gathered import Gathered, Tracks
+from host.calibration.gathered import Gathered, Tracks, untracked
 from host.calibration.robust.statistics import ratio_variance
 from host.config import Lidar
 from host.drivers.x4.packets import angle_correction
-from host.errors import UserError
 from host.geometry import SECTORS, Path, sector, to_parent, wrap
 from host.messages import BoolArray, FloatArray, Positions, Scan
 from host.perception import turrets
@@ -72,11 +71,7 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
     lidar = gathered.config.lidar
     scans = _tracked(gathered.scans, tracks)
     if not scans:
-        raise UserError(
-            "no revolution of the lidar can be compared with motion capture",
-            "the robot's own body was not tracked during any of them",
-            "check that the robot is in the capture volume, and that both run at the same time",
-        )
+        raise untracked("no revolution of the lidar")
     crossings = Crossings(scans, tracks, lidar)
     plain = crossings.plain(lidar)
     finder = lidar.model_copy(update={"max_range_m": _EVERYWHERE_M})

@@ -9,11 +9,10 @@ from host.calibration.detection.camera_views import CameraSurvey
 from host.calibration.detection.clutter import Clutter
 from host.calibration.detection.lidar_views import LidarSurvey
 from host.calibration.detection.range_curve import RangeCurve, Views
-from host.calibration.result import ReportPicture, Series
+from host.calibration.result import ReportPicture, Series, thinned
 from host.messages import BoolArray, FloatArray
 
 _BIN_M, _BIN_RAD = 0.25, math.radians(5.0)
-_MOST_POINTS = 2000
 _BLIND_M = 2.0  # detection by bearing is that of views nearer than this
 _NEAREST_BIN_VIEWS = 5
 
@@ -38,8 +37,8 @@ def lidar_pictures(
             x_label="range, m",
             y_label="reading minus truth, mm",
             series=(
-                _points(views.distances[seen], along, "along the line of sight"),
-                _points(views.distances[seen], across, "across"),
+                thinned(views.distances[seen], along, "along the line of sight"),
+                thinned(views.distances[seen], across, "across"),
             ),
             caption="Readings that lie evenly about zero: mounting and delay are right.",
         ),
@@ -49,8 +48,8 @@ def lidar_pictures(
             y_label="y, m",
             series=(
                 Series(x=x, y=y, label="the robot's path", style="line"),
-                _points(clutter.places[:, 0], clutter.places[:, 1], "clutter"),
-                _points(
+                thinned(clutter.places[:, 0], clutter.places[:, 1], "clutter"),
+                thinned(
                     clutter.standing[:, 0],
                     clutter.standing[:, 1],
                     "things that stand there all the time",
@@ -75,23 +74,18 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
             title="What the cameras' bearings are off",
             x_label="bearing, deg",
             y_label="bearing minus truth, deg",
-            series=(_points(np.degrees(views.bearings[seen]), errors),),
+            series=(thinned(np.degrees(views.bearings[seen]), errors),),
             caption="A wave about zero is a lens or a mounting that is not right yet.",
         ),
         ReportPicture(
             title="False bearings",
             x_label="time, s",
             y_label="bearing, deg",
-            series=(_points(survey.places[:, 0] - start, np.degrees(survey.places[:, 1])),),
+            series=(thinned(survey.places[:, 0] - start, np.degrees(survey.places[:, 1])),),
             caption="A row at one bearing is something red that the robot carries; one at 90 deg "
             "to either side is the seam between the two cameras.",
         ),
     ]
-
-
-def _points(x: FloatArray, y: FloatArray, label: str = "") -> Series:
-    step = max(1, math.ceil(len(x) / _MOST_POINTS))
-    return Series(x=x[::step], y=y[::step], label=label)
 
 
 def _shares(

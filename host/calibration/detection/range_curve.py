@@ -5,6 +5,7 @@ It is fitted by maximum likelihood. What is seen now is mostly seen a moment lat
 covariance is a sandwich over blocks of time of one teammate.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -51,15 +52,8 @@ class Views:
 
     def part(self, chosen: BoolArray) -> "Views":
         """The views that are chosen (n,)."""
-        return Views(
-            self.times[chosen],
-            self.teammates[chosen],
-            self.distances[chosen],
-            self.bearings[chosen],
-            self.seen[chosen],
-            self.caught[chosen],
-            self.mistaken[chosen],
-        )
+        columns = (getattr(self, each.name)[chosen] for each in dataclasses.fields(self))
+        return Views(*columns)
 
     @property
     def blocks(self) -> IntArray:

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from host.calibration.gathered import Gathered, Tracks
+from host.calibration.gathered import Gathered, Tracks, missing_rotations
 from host.calibration.lidar.pictures import pictures
 from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
 from host.calibration.lidar.verdict import (
@@ -240,11 +240,12 @@ def lidar_advice(gathered: Gathered) -> list[str]:
     ranges = np.hypot(*places.T)
     in_range = ranges <= gathered.config.lidar.max_range_m
     places, ranges = places[in_range], ranges[in_range]
+    headings = tracks.own(times)[:, 2]
     missing = [
         missing_pairs(len(places)),
         missing_bearings(np.arctan2(places[:, 1], places[:, 0])),
         missing_ranges(ranges),
-        *_missing_rotations(tracks.own(times)[:, 2]),
+        *missing_rotations(np.diff(headings[np.isfinite(headings)]), _LEAST_ROTATION),
     ]
     return [text for text in missing if text]
 
@@ -252,14 +253,3 @@ def lidar_advice(gathered: Gathered) -> list[str]:
 def _rate(bodies: list[Bodies]) -> float:
     """Frames a second."""
     return (len(bodies) - 1) / max(bodies[-1].time - bodies[0].time, 1e-9)
-
-
-def _missing_rotations(headings: FloatArray) -> list[str]:
-    """Which way the robot has not rotated enough, by its headings (k,) rad."""
-    steps = np.diff(headings[np.isfinite(headings)])
-    rotated = {"left": steps[steps > 0.0].sum(), "right": np.abs(steps[steps < 0.0]).sum()}
-    return [
-        f"rotate to the {way}: {math.degrees(angle):.0f} deg so far"
-        for way, angle in rotated.items()
-        if angle < _LEAST_ROTATION
-    ]

@@ -1,11 +1,10 @@
 """A robot's messages → drives to calibrate its wheels by, and what a drive still lacks."""
 
 import itertools
-import math
 
 import numpy as np
 
-from host.calibration.gathered import Gathered
+from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.wheels.model import Drive
 from host.calibration.wheels.verdict import BIN_S, LEAST_TURN_RAD, LEAST_WAY_M
 from host.errors import UserError
@@ -65,19 +64,13 @@ def wheels_advice(gathered: Gathered) -> list[str]:
         return ["no wheel ticks have come yet: drive"]
     times, ways, rotations = np.array(steps).T
     bins = ((times - times[0]) / BIN_S).astype(np.int64)
-    rotated = np.bincount(bins, rotations)
-    left, right = rotated[rotated > 0.0].sum(), abs(rotated[rotated < 0.0].sum())
+    rotated = np.bincount(bins, rotations).astype(float)
     way = np.abs(ways).sum()
     missing = []
     if way < LEAST_WAY_M:
         missing.append(f"drive further than {LEAST_WAY_M:.0f} m: {way:.1f} m so far")
-    for side, angle in (("left", left), ("right", right)):
-        # Asked for a little more than the least, for the wheels are not known yet.
-        if angle < 1.2 * LEAST_TURN_RAD:
-            missing.append(
-                f"rotate to the {side} by {math.degrees(1.2 * LEAST_TURN_RAD):.0f} deg: "
-                f"{math.degrees(angle):.0f} so far"
-            )
+    # A little more than the least, for the wheels are not known yet.
+    missing += missing_rotations(rotated, 1.2 * LEAST_TURN_RAD)
     straight = np.abs(np.bincount(bins, ways))[np.abs(rotated) < 0.2].sum()
     if straight < 0.05 * way:
         missing.append(f"drive straight on for a while: {straight:.1f} m of {way:.1f} m so far")

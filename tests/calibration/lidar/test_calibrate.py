@@ -162,7 +162,7 @@ def test_a_circle_at_constant_speed_is_refused() -> None:
     low, high = found.figures["plausible_delays_s"]
     assert high - low > 0.5
     assert all(row.sigma > limit for row, limit in zip(found.fitted[:4], LIMITS, strict=True))
-    assert "rotate to the right: 0 deg so far" in lidar_advice(
+    assert "rotate to the right by 180 deg: 0 so far" in lidar_advice(
         Bench(circle, (standing(1.3, 0.4),)).gather()
     )
 
