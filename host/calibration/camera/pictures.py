@@ -40,21 +40,7 @@ def pictures(
             series=_by_camera(fit, shown, bearings, ranges),
             caption="Views should be all around, near and far.",
         ),
-        ReportPicture(
-            title="How well bearings are known",
-            x_label=_BEARING,
-            y_label="sigma, deg",
-            series=tuple(
-                Series(
-                    x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
-                    y=np.array([math.degrees(s.sigma_rad) for s in found]),
-                    label=f"{CAMERAS[number]} camera",
-                    style="bars",
-                )
-                for number, found in table.items()
-            ),
-            caption="Predicted for each sector, with or without views in it.",
-        ),
+        _sigmas(table),
         ReportPicture(
             title="Errors of bearings by bearing",
             x_label=_BEARING,
@@ -91,6 +77,24 @@ def pictures(
                 _points("as fitted", bearings, after, shown),
             ),
         ),
+    )
+
+
+def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
+    return ReportPicture(
+        title="How well bearings are known",
+        x_label=_BEARING,
+        y_label="sigma, deg",
+        series=tuple(
+            Series(
+                x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
+                y=np.array([math.degrees(s.sigma_rad) for s in found]),
+                label=f"{CAMERAS[number]} camera",
+                style="bars",
+            )
+            for number, found in table.items()
+        ),
+        caption="Predicted for each sector, with or without views in it.",
     )
 
 
