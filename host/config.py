@@ -268,10 +268,10 @@ class RobotConfig(Section):
     mocap: Mocap = Mocap()
 
 
-def load_config(path: Path) -> RobotConfig:
+def load_config(path: str | Path) -> RobotConfig:
     """Read robot.toml. Raises UserError naming key, line and bound for whatever is wrong in it."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise UserError(
             f"cannot read the configuration {path}",

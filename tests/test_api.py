@@ -40,7 +40,7 @@ def test_the_examples_on_data_sets_run(name, recorded, tmp_path, monkeypatch, ca
     (tmp_path / name).symlink_to(recorded(DATA[name]))
     monkeypatch.chdir(tmp_path)
     (block,) = [block for block in BLOCKS if name in block]
-    exec(compile(block, "docs/api.md", "exec"), {"swarmloc": swarmloc, "Path": Path})
+    exec(compile(block, "docs/api.md", "exec"), {"swarmloc": swarmloc})
     assert capsys.readouterr().out
 
 

@@ -27,7 +27,7 @@ _WHOLE: Any = RobotConfig()
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 
-def update(path: Path, settings: Mapping[str, Any], note: str) -> None:
+def update(path: str | Path, settings: Mapping[str, Any], note: str) -> None:
     """Set dotted keys, as "lidar.heading_rad", in robot.toml and leave all other lines alone.
 
     A list of dicts is written as an array of tables. note: one line that says date, source and
@@ -37,6 +37,7 @@ def update(path: Path, settings: Mapping[str, Any], note: str) -> None:
 
     Raises UserError where the file cannot be read or written, or would not be a valid one.
     """
+    path = Path(path)
     load_config(path)
     check_writable(path)
     # Not by read_text, which would lose how the lines end.

@@ -57,10 +57,10 @@ class RecordingHeader:
 class Recorder:
     """Writes a recording. Raises UserError where the file exists already or cannot be written."""
 
-    def __init__(self, path: Path, header: RecordingHeader) -> None:
-        self._path = path
+    def __init__(self, path: str | Path, header: RecordingHeader) -> None:
+        self._path = Path(path)
         try:
-            self._file = path.open("xb", buffering=0)
+            self._file = self._path.open("xb", buffering=0)
         except FileExistsError as error:
             raise UserError(
                 f"the recording {path} exists already",
@@ -127,8 +127,8 @@ class Recording:
     Raises UserError with the line number for whatever else is wrong with it.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
         self.torn = False
         for number, line in self._lines():
             self.header = self._read_header(number, line)

@@ -103,8 +103,9 @@ class Dataset:
         return to_frame(self.landmarks, self.pose(observer, time))
 
 
-def load_dataset(folder: Path) -> Dataset:
+def load_dataset(folder: str | Path) -> Dataset:
     """Read a dataset. Raises UserError naming file and line for what is missing or torn."""
+    folder = Path(folder)
     if not folder.is_dir():
         raise UserError(
             f"there is no MR.CLAM dataset at {folder}",

@@ -41,11 +41,12 @@ class OptiodomRun:
     truth: FloatArray
 
 
-def read_runs(place: Path) -> list[OptiodomRun]:
+def read_runs(place: str | Path) -> list[OptiodomRun]:
     """Read the runs of a session, of all sessions below a folder, or one `*_run-NN.csv`.
 
     Raises UserError that names the file, and the line, for what is missing or wrong.
     """
+    place = Path(place)
     if place.is_dir():
         paths = sorted(path for path in place.rglob("*.csv") if _RUN.search(path.name))
     else:
