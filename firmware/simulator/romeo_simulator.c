@@ -42,6 +42,8 @@ typedef struct {
     vector_time vectors[VECTORS];
     int64_t watched;       /* byte address in flash, or NO_ADDRESS */
     uint64_t passes, last_pass, worst_pass;
+    uint64_t deaf_since, worst_deaf; /* with interrupts off, while something is watched */
+    uint32_t deaf_from, worst_deaf_from; /* byte addresses */
 } romeo;
 
 /* ---- what happens inside ---- */
@@ -137,6 +139,21 @@ static void note_pass(romeo *board) {
     board->last_pass = now;
 }
 
+static void note_deafness(romeo *board) {
+    avr_t *avr = board->avr;
+    if (avr->sreg[S_I]) {
+        uint64_t deaf = board->deaf_since ? avr->cycle - board->deaf_since : 0;
+        if (deaf > board->worst_deaf) {
+            board->worst_deaf = deaf;
+            board->worst_deaf_from = board->deaf_from;
+        }
+        board->deaf_since = 0;
+    } else if (!board->deaf_since) {
+        board->deaf_since = avr->cycle;
+        board->deaf_from = avr->pc;
+    }
+}
+
 static int crashed(romeo *board) {
     avr_t *avr = board->avr;
     if (!board->error[0] && avr->state == cpu_Done)
@@ -159,6 +176,8 @@ static void run_to(romeo *board, uint64_t cycle) {
         }
         if (avr->pc == board->watched)
             note_pass(board);
+        if (board->watched != NO_ADDRESS)
+            note_deafness(board);
     }
 }
 
@@ -253,11 +272,25 @@ void romeo_turn(romeo *board, int wheel, int64_t steps, uint64_t until) {
     encoder_turn(&board->encoders[wheel], steps, board->avr->cycle, until);
 }
 
+/* Noise on a channel (0 A, 1 B) of a wheel's encoder: `count` pulses of inverted level from now on. */
+void romeo_disturb(romeo *board, int wheel, int channel, uint64_t width, uint64_t period,
+                   uint64_t count) {
+    encoder_disturb(&board->encoders[wheel], channel, board->avr->cycle, width, period, count);
+}
+
 int64_t romeo_steps(const romeo *board, int wheel) { return board->encoders[wheel].steps; }
 
 int romeo_set_line(romeo *board, uint32_t baudrate, int ready) {
     return usb_host_set_line(&board->usb, baudrate, ready);
 }
+
+/* What else a host may ask: setup packet, and whether it stops after that. */
+int romeo_request(romeo *board, const uint8_t *setup, int abandoned) {
+    return usb_host_request(&board->usb, setup, abandoned);
+}
+
+/* The host waits for so many times 100 us before each stage of a control transfer. */
+void romeo_set_stage_gap(romeo *board, uint32_t gap) { board->usb.stage_gap = gap; }
 
 void romeo_set_reading(romeo *board, int reading) { board->usb.reading = reading; }
 
@@ -329,9 +362,16 @@ void romeo_passes(const romeo *board, uint64_t figures[2]) {
     figures[1] = board->worst_pass;
 }
 
+/* While a place is watched: the longest time with interrupts off, in cycles, and the byte address
+ * where it began. */
+void romeo_deaf(const romeo *board, uint64_t figures[2]) {
+    figures[0] = board->worst_deaf;
+    figures[1] = board->worst_deaf_from;
+}
+
 /* Forget the figures of interrupts and passes. */
 void romeo_clear_figures(romeo *board) {
     for (int i = 0; i < VECTORS; i++)
         board->vectors[i].count = board->vectors[i].worst = board->vectors[i].worst_latency = 0;
-    board->passes = board->worst_pass = 0;
+    board->passes = board->worst_pass = board->worst_deaf = board->deaf_since = 0;
 }

@@ -64,8 +64,10 @@ static int enqueue(usb_host *host, uint8_t type, uint8_t request, uint16_t value
     usb_transfer *transfer = &host->queue[host->queued++];
     uint8_t setup[8] = {type, request, value & 0xFF, value >> 8, 0, 0, length & 0xFF, length >> 8};
     memcpy(transfer->setup, setup, sizeof setup);
+    memset(transfer->data, 0, sizeof transfer->data);
     if (data)
         memcpy(transfer->data, data, length);
+    transfer->abandoned = 0;
     return 0;
 }
 
@@ -128,7 +130,7 @@ static usb_stage read_reply(usb_host *host, usb_transfer *transfer) {
     return size < USB_PACKET || host->replied >= wanted(transfer) ? CONTROL_ACK : CONTROL_READ;
 }
 
-static void control(usb_host *host) {
+static void next_stage(usb_host *host) {
     usb_transfer *transfer = &host->queue[0];
     uint32_t size = 0;
     int result;
@@ -140,6 +142,8 @@ static void control(usb_host *host) {
         if (usb_ioctl(host, AVR_IOCTL_USB_SETUP, 0, transfer->setup, &size) == 0) {
             host->replied = 0;
             host->stage = CONTROL_SETUP;
+            if (transfer->abandoned)
+                finish(host, 0);
         }
         break;
     case CONTROL_SETUP:
@@ -170,6 +174,17 @@ static void control(usb_host *host) {
             finish(host, result == 0);
         break;
     }
+}
+
+static void control(usb_host *host) {
+    usb_stage before = host->stage;
+    if (host->stage_wait) {
+        host->stage_wait--;
+        return;
+    }
+    next_stage(host);
+    if (host->stage != before)
+        host->stage_wait = host->stage_gap;
 }
 
 /* ---- the serial port's bytes ---- */
@@ -292,6 +307,17 @@ int usb_host_set_line(usb_host *host, uint32_t baudrate, int ready) {
         return -1;
     enqueue(host, CLASS_INTERFACE, SET_LINE_CODING, 0, sizeof coding, coding);
     return enqueue(host, CLASS_INTERFACE, SET_CONTROL_LINE_STATE, ready ? LINE_READY : 0, 0, NULL);
+}
+
+int usb_host_request(usb_host *host, const uint8_t setup[8], int abandoned) {
+    uint16_t value = setup[2] | setup[3] << 8, length = setup[6] | setup[7] << 8;
+    int to_board = !(setup[0] & FROM_DEVICE) && !abandoned;
+    if (to_board && length > sizeof host->queue[0].data)
+        return -1;
+    if (enqueue(host, setup[0], setup[1], value, length, NULL) != 0)
+        return -1;
+    host->queue[host->queued - 1].abandoned = abandoned;
+    return 0;
 }
 
 int usb_host_send(usb_host *host, const uint8_t *data, size_t size) {

@@ -12,6 +12,7 @@ enum { USB_PACKET = 64, USB_QUEUE = 16, USB_DESCRIPTOR = 512 };
 typedef struct {
     uint8_t setup[8];
     uint8_t data[8]; /* what follows the setup packet where the host sends */
+    int abandoned;   /* nothing follows it */
 } usb_transfer;
 
 /* One packet of the serial port that came in from the board. */
@@ -31,6 +32,7 @@ typedef struct {
     usb_state state;
     usb_stage stage;
     uint32_t ticks; /* since the state began */
+    uint32_t stage_gap, stage_wait; /* ticks between a control transfer's stages, and left of them */
 
     usb_transfer queue[USB_QUEUE]; /* the first is under way */
     uint32_t queued;
@@ -60,6 +62,10 @@ void usb_host_unplugged(usb_host *host);
 /* Set the serial port's baud rate and its DTR and RTS, once earlier requests are through.
  * 0, or -1 where too many are waiting. */
 int usb_host_set_line(usb_host *host, uint32_t baudrate, int ready);
+
+/* A control transfer of any kind, for requests of the host's own, at most 8 bytes of zero to the board.
+ * abandoned: its setup packet alone. 0, or -1 where too many are waiting. */
+int usb_host_request(usb_host *host, const uint8_t setup[8], int abandoned);
 
 /* Bytes for the board, sent when the port is open and the board takes them. -1: out of memory. */
 int usb_host_send(usb_host *host, const uint8_t *data, size_t size);

@@ -26,8 +26,12 @@ void encoders_init(encoder encoders[WHEELS], int edges) {
 }
 
 /* A leads B where the wheel turns forward: (A, B) = 00, 10, 11, 01. */
-static int level_a(const encoder *e) { return (e->steps & 3) == 1 || (e->steps & 3) == 2; }
-static int level_b(const encoder *e) { return (e->steps & 3) >= 2; }
+static int level_a(const encoder *e) {
+    return ((e->steps & 3) == 1 || (e->steps & 3) == 2) ^ (e->noise[CHANNEL_A].done & 1);
+}
+static int level_b(const encoder *e) {
+    return ((e->steps & 3) >= 2) ^ (e->noise[CHANNEL_B].done & 1);
+}
 
 static avr_irq_t *line(avr_t *avr, pin where) {
     return avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(where.port), where.bit);
@@ -73,19 +77,44 @@ void encoder_turn(encoder *e, int64_t steps, uint64_t now, uint64_t until) {
     e->done = 0;
 }
 
-uint64_t encoder_next(const encoder *e) {
+void encoder_disturb(encoder *e, int channel, uint64_t now, uint64_t width, uint64_t period,
+                     uint64_t count) {
+    uint64_t open = e->noise[channel].done & 1; /* a pulse, which ends now */
+    e->noise[channel] = (pulses){.first = now - open * width, .period = period, .width = width,
+                                 .edges = 2 * (count + open), .done = open};
+}
+
+static uint64_t next_step(const encoder *e) {
     int64_t steps = llabs(e->wanted);
     if (e->done == steps)
         return UINT64_MAX;
     return e->from + (uint64_t)((unsigned __int128)(e->until - e->from) * (e->done + 1) / steps);
 }
 
+static uint64_t next_edge(const pulses *noise) {
+    if (noise->done == noise->edges)
+        return UINT64_MAX;
+    return noise->first + noise->done / 2 * noise->period + (noise->done & 1) * noise->width;
+}
+
+uint64_t encoder_next(const encoder *e) {
+    uint64_t next = next_step(e);
+    for (int channel = 0; channel < CHANNELS; channel++)
+        if (next_edge(&e->noise[channel]) < next)
+            next = next_edge(&e->noise[channel]);
+    return next;
+}
+
 void encoders_step(avr_t *avr, encoder encoders[WHEELS]) {
     for (encoder *e = encoders; e < encoders + WHEELS; e++) {
         if (encoder_next(e) > avr->cycle)
             continue;
-        e->steps += e->wanted > 0 ? 1 : -1;
-        e->done++;
+        if (next_step(e) <= avr->cycle) {
+            e->steps += e->wanted > 0 ? 1 : -1;
+            e->done++;
+        }
+        for (int channel = 0; channel < CHANNELS; channel++)
+            e->noise[channel].done += next_edge(&e->noise[channel]) <= avr->cycle;
         drive(avr, encoders, e);
     }
 }

@@ -52,7 +52,8 @@ class Gearmotor:
 class Wheel:
     """A wheel on its gearmotor. speed: rad/s; angle: rad since the start; forward positive.
 
-    blocked: held fast as long as it is set.
+    blocked: held fast as long as it is set. encoder: the share of its angle that is counted: 1, or
+    0 where the encoder is dead, -1 where it is the wrong way round.
     """
 
     def __init__(self, motor: Gearmotor) -> None:
@@ -60,6 +61,22 @@ class Wheel:
         self.speed = 0.0
         self.angle = 0.0
         self.blocked = False
+        self._encoder, self._uncounted = 1.0, 0.0
+
+    @property
+    def encoder(self) -> float:
+        """Counted share of the angle from now on; what was counted before stays."""
+        return self._encoder
+
+    @encoder.setter
+    def encoder(self, share: float) -> None:
+        self._uncounted += (share - self._encoder) * self.angle
+        self._encoder = share
+
+    @property
+    def counted(self) -> float:
+        """The angle that its encoder has counted, rad."""
+        return self._encoder * self.angle - self._uncounted
 
     def step(self, volts: float, seconds: float) -> None:
         """Go on for so long at a constant mean voltage (with sign). Exact for any length."""
@@ -144,7 +161,7 @@ class DrivenRobot:
     def _turn_encoders(self, end: float) -> None:
         for which, wheel in enumerate(self.wheels):
             steps = self._first_steps[which] + math.floor(
-                wheel.angle / (2.0 * math.pi) * STEPS_PER_TURN
+                wheel.counted / (2.0 * math.pi) * STEPS_PER_TURN
             )
             self.board.turn(which, steps - self.board.steps[which], end)
 

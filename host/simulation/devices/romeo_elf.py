@@ -3,50 +3,27 @@
 import ctypes
 import math
 import weakref
-from dataclasses import dataclass
 from pathlib import Path
 
 from host.errors import UserError
 from host.flashing.elf import flash_image, symbols
 from host.simulation.devices import romeo_library
+from host.simulation.devices.romeo_figures import (
+    InterruptTime,
+    PassTime,
+    interrupts,
+    longest_deafness,
+    passes,
+)
 
 CYCLES_PER_S = 16_000_000
 LEFT, RIGHT = 0, 1
+CHANNEL_A, CHANNEL_B = 0, 1
 STEPS_PER_COUNT = {2: 2, 4: 1}  # quadrature steps, by the edges a sketch counts in four of them
 EEPROM_BYTES = 1024
 
 _PACKET_BYTES, _DESCRIPTOR_BYTES = 64, 512
-_INTERRUPTS = {
-    1: "INT0",
-    2: "INT1",
-    9: "PCINT0",
-    10: "USB_GEN",
-    11: "USB_COM",
-    12: "WDT",
-    17: "TIMER1_COMPA",
-    20: "TIMER1_OVF",
-    23: "TIMER0_OVF",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class InterruptTime:
-    """One interrupt's runs: how many, the longest, and the longest wait from request to start.
-
-    In cycles of 1/16 us. A run lasts from its vector to its RETI, which are not counted.
-    """
-
-    count: int
-    worst_cycles: int
-    worst_latency_cycles: int
-
-
-@dataclass(frozen=True, slots=True)
-class PassTime:
-    """How often a place in the program was passed again, and the most cycles in between."""
-
-    count: int
-    worst_cycles: int
+_USB_TICK_S = 1e-4
 
 
 class RomeoElf:
@@ -119,6 +96,24 @@ class RomeoElf:
                 "let time go on in between",
             )
 
+    def request(self, setup: bytes, abandoned: bool = False) -> None:
+        """Let the host make a control request: its setup packet (USB 2.0, table 9-2), 8 bytes.
+
+        abandoned: nothing follows it, as where a host program or a cable fails.
+        """
+        if len(setup) != 8:
+            raise ValueError(f"a setup packet has 8 bytes, not {len(setup)}")
+        if self._library.romeo_request(self._board, setup, abandoned) != 0:
+            raise UserError(
+                "cannot make a control request of the simulated host",
+                "too many are waiting, or it has more than 8 bytes for the board",
+                "let time go on in between",
+            )
+
+    def slow_control(self, gap: float) -> None:
+        """Let the host wait so long (s) before each stage of a control request."""
+        self._library.romeo_set_stage_gap(self._board, round(gap / _USB_TICK_S))
+
     @property
     def configured(self) -> bool:
         """Has the host found the board and set it up?"""
@@ -181,6 +176,17 @@ class RomeoElf:
         The last step comes at `until`. What is left of a turn before is not made.
         """
         self._library.romeo_turn(self._board, wheel, steps, _cycle(until))
+
+    def disturb(
+        self, wheel: int, channel: int, width: float, period: float = 1.0, count: int = 1
+    ) -> None:
+        """Noise on CHANNEL_A or CHANNEL_B of an encoder: `count` pulses that invert its level.
+
+        Each `width` (s) long, the first from now on, the others `period` (s > width) apart. Noise
+        before on this channel is given up; count 0 ends it.
+        """
+        cycles = round(width * CYCLES_PER_S), round(period * CYCLES_PER_S)
+        self._library.romeo_disturb(self._board, wheel, channel, *cycles, count)
 
     @property
     def steps(self) -> tuple[int, int]:
@@ -264,13 +270,7 @@ class RomeoElf:
     @property
     def interrupts(self) -> dict[str, InterruptTime]:
         """Figures of the interrupts that ran since the last clear_figures(), by name."""
-        figures = (ctypes.c_uint64 * 3)()
-        found = {}
-        for vector, name in _INTERRUPTS.items():
-            self._library.romeo_vector(self._board, vector, figures)
-            if figures[0]:
-                found[name] = InterruptTime(*figures)
-        return found
+        return interrupts(self._library, self._board)
 
     def watch(self, place: int | str | None) -> None:
         """Measure from one pass of this code address (bytes), or symbol, to the next; None ends it.
@@ -282,9 +282,12 @@ class RomeoElf:
     @property
     def passes(self) -> PassTime:
         """Figures of the watched place since watch() or clear_figures()."""
-        figures = (ctypes.c_uint64 * 2)()
-        self._library.romeo_passes(self._board, figures)
-        return PassTime(*figures)
+        return passes(self._library, self._board)
+
+    @property
+    def deafness(self) -> tuple[int, int]:
+        """While a place is watched: most cycles with interrupts off, and their byte address."""
+        return longest_deafness(self._library, self._board)
 
     def clear_figures(self) -> None:
         """Forget the figures of interrupts and passes, as after the start or the enumeration."""

@@ -39,8 +39,11 @@ _FUNCTIONS = {
     "romeo_run": (_INT, [_BOARD, _U64]),
     "romeo_reset": (None, [_BOARD]),
     "romeo_turn": (None, [_BOARD, _INT, _I64, _U64]),
+    "romeo_disturb": (None, [_BOARD, _INT, _INT, _U64, _U64, _U64]),
     "romeo_steps": (_I64, [_BOARD, _INT]),
     "romeo_set_line": (_INT, [_BOARD, _U32, _INT]),
+    "romeo_request": (_INT, [_BOARD, _BYTES, _INT]),
+    "romeo_set_stage_gap": (None, [_BOARD, _U32]),
     "romeo_set_reading": (None, [_BOARD, _INT]),
     "romeo_send": (_INT, [_BOARD, _BYTES, _U32]),
     "romeo_unsent": (_U32, [_BOARD]),
@@ -53,6 +56,7 @@ _FUNCTIONS = {
     "romeo_vector": (None, [_BOARD, _INT, _U64_OUT]),
     "romeo_watch": (None, [_BOARD, _I64]),
     "romeo_passes": (None, [_BOARD, _U64_OUT]),
+    "romeo_deaf": (None, [_BOARD, _U64_OUT]),
     "romeo_clear_figures": (None, [_BOARD]),
 }
 
