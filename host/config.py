@@ -59,6 +59,7 @@ class Wheels(Section):
     right_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
     track_m: float = Field(0.144, gt=0.02, lt=2.0)
     counts_per_turn: int = Field(1920, ge=4, le=100_000)
+    periods_per_turn: int = Field(960, ge=0, le=50_000)  # of an encoder channel; 0: not known
     distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m
     heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std of the heading after 1 rad
     drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # std of the heading after 1 m
@@ -90,6 +91,7 @@ class Motors(Section):
     proportional: float = Field(2.0, ge=0.0, lt=15.95)
     integral_per_s: float = Field(8.0, ge=0.0, lt=15.95)
     acceleration_mps2: float = Field(1.5, ge=0.05, le=20.0)
+    runaway_s: float = Field(0.3, ge=0.0, le=60.0)  # 0: never, for boards without encoders
 
 
 class BlindSector(Section):

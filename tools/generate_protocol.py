@@ -1,13 +1,15 @@
 """protocol.toml → include/protocol.h and host/drivers/romeo/protocol.py.
 
 `python tools/generate_protocol.py` writes both; with --check it writes nothing and fails when
-they are not what it would write.
+they are not what it would write. The host's module gets the firmware's version, from
+include/version.h: it is not part of the hash, so an older version may speak the same protocol.
 """
 
 import argparse
 import hashlib
 import json
 import keyword
+import re
 import sys
 import textwrap
 import tomllib
@@ -20,6 +22,7 @@ from host.errors import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
 DEFINITION = ROOT / "firmware/romeo_odometry/protocol.toml"
+VERSION_HEADER = ROOT / "firmware/romeo_odometry/include/version.h"
 C_HEADER = ROOT / "firmware/romeo_odometry/include/protocol.h"
 PYTHON_MODULE = ROOT / "host/drivers/romeo/protocol.py"
 
@@ -50,7 +53,21 @@ Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9]*(_[a-z0-9]+)*$"
 # Prose ends up inside C comments and Python docstrings: printable ASCII that can end neither.
 Prose = Annotated[str, StringConstraints(min_length=1, pattern=r"^[ !#-)+-\[\]-~]+$")]
 Unit = Literal[
-    "1", "1/16", "1/16 s", "bits", "frames", "Hz", "ms", "ticks", "ticks/s", "ticks/s2", "us"
+    "1",
+    "1/16",
+    "1/16 s",
+    "bits",
+    "edges",
+    "frames",
+    "Hz",
+    "ms",
+    "nm",
+    "ticks",
+    "ticks/s",
+    "ticks/s2",
+    "um",
+    "urad",
+    "us",
 ]
 Direction = Literal["host to board", "board to host", "both ways"]
 # Beside Python's own keywords: the member that every frame has already. A keyword of C alone shows
@@ -243,14 +260,27 @@ def _c_comment(text: str, indent: str = "") -> list[str]:
     return lines
 
 
-def to_python(protocol: Protocol) -> str:
-    """The module for the host."""
+def version(text: str) -> tuple[int, int, int]:
+    """The firmware's version that a version.h defines. Raises UserError where it does not."""
+    parts = dict(re.findall(r"^#define FIRMWARE_VERSION_(\w+) (\d+)$", text, re.MULTILINE))
+    try:
+        return int(parts["MAJOR"]), int(parts["MINOR"]), int(parts["PATCH"])
+    except KeyError as missing:
+        raise UserError(
+            "version.h does not tell the firmware's version",
+            f"it lacks FIRMWARE_VERSION_{missing.args[0]}",
+            "define MAJOR, MINOR and PATCH in it",
+        ) from missing
+
+
+def to_python(protocol: Protocol, firmware: tuple[int, int, int]) -> str:
+    """The module for the host. firmware: the version it belongs to."""
     largest = max(frame.size for frame in protocol.frames.values())
     lines = [
         '"""The board\'s frames as values: one frozen dataclass a frame.',
         "",
         f"{NOTICE}",
-        "Do not edit; `romeo_framing` packs and unpacks them.",
+        "Do not edit; `framing` packs and unpacks them.",
         '"""',
         "",
         "from dataclasses import dataclass",
@@ -259,6 +289,8 @@ def to_python(protocol: Protocol) -> str:
         "from typing import ClassVar",
         "",
         f"PROTOCOL_HASH = 0x{protocol.hash:08X}",
+        "# Major, minor, patch of the firmware in this repository.",
+        f"FIRMWARE_VERSION = {firmware}",
         "# Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes.",
         f"LARGEST_FRAME = {largest}",
         f"LARGEST_ENCODED = {largest + 4}",
@@ -322,11 +354,12 @@ def main(arguments: list[str] | None = None) -> int:
     check = parser.parse_args(arguments).check
     try:
         protocol = parse(DEFINITION.read_text(encoding="utf-8"), DEFINITION.name)
+        firmware = version(VERSION_HEADER.read_text(encoding="utf-8"))
     except UserError as error:
         print(error, file=sys.stderr)
         return 1
     stale = False
-    for path, text in ((C_HEADER, to_c(protocol)), (PYTHON_MODULE, to_python(protocol))):
+    for path, text in ((C_HEADER, to_c(protocol)), (PYTHON_MODULE, to_python(protocol, firmware))):
         if path.exists() and path.read_text(encoding="utf-8") == text:
             continue
         stale = True

@@ -13,7 +13,6 @@ from serial.tools import list_ports
 from host.errors import UserError
 
 BY_ID = Path("/dev/serial/by-id")
-READ_BYTES = 4096  # at most, in one read
 
 _ABSENT = ("no such device is plugged in", "")
 _FORBIDDEN = (
@@ -105,7 +104,7 @@ def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Seria
 
 
 def read_available(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
-    """Whatever has arrived (at most READ_BYTES), waiting up to `timeout_s` for the first byte.
+    """Whatever has arrived (at most 4096 bytes), waiting up to `timeout_s` for the first byte.
 
     Unlike pyserial's `read(size)` it never waits for the rest, so that the time of return is a
     time of arrival. Raises OSError where the device is gone.
@@ -115,7 +114,7 @@ def read_available(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
     if not ready:
         return b""
     try:
-        data = os.read(handle, READ_BYTES)
+        data = os.read(handle, 4096)
     except BlockingIOError:
         return b""
     if not data:

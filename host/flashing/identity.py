@@ -54,7 +54,17 @@ def identity_of(project: Path = PROJECT) -> IdentityFrame:
             f"its protocol.h speaks {found:08x}, the host speaks {PROTOCOL_HASH:08x}",
             "run: python tools/generate_protocol.py",
         )
-    return IdentityFrame(found, major, minor, patch, BOARD_ROMEO_V2)
+    return IdentityFrame(found, major, minor, patch, BOARD_ROMEO_V2, _edges_per_period(project))
+
+
+def _edges_per_period(project: Path) -> int:
+    """Edges that the project's wiring.h counts in a period of an encoder; 2 where it has none."""
+    try:
+        wiring = (project / "include/wiring.h").read_text("utf-8")
+    except OSError:
+        return 2
+    found = re.search(r"^#define ENCODER_EDGES (\d+)$", wiring, re.MULTILINE)
+    return int(found[1]) if found else 2
 
 
 def read_identity(path: str) -> IdentityFrame:

@@ -20,10 +20,11 @@ START_S = 0.2  # switched on, found by the host, port opened
 class BoardUnderTest(Protocol):
     """A board, its host's end of the line and its wheels, in virtual time.
 
-    now: s. decoder: the host's, of all that came.
+    now: s. decoder: the host's, of all that came. edges_per_period: as its encoders are counted.
     """
 
     decoder: BoardDecoder
+    edges_per_period: int
 
     @property
     def now(self) -> float: ...
@@ -50,6 +51,8 @@ class BoardUnderTest(Protocol):
 
 class StandInBoard:
     """host.simulation.devices.romeo_stand_in.RomeoStandIn."""
+
+    edges_per_period = 2
 
     def __init__(self, clock_us: int = 0) -> None:
         self.decoder = BoardDecoder()
@@ -105,6 +108,7 @@ class ElfBoard:
     def __init__(self, elf: Path, encoder_edges: int, clock_us: int = 0) -> None:
         self.decoder = BoardDecoder()
         self.elf = RomeoElf(elf, encoder_edges)
+        self.edges_per_period = encoder_edges
         self._steps = STEPS_PER_COUNT[encoder_edges]
         self.elf.run(0.01)
         # The core's clock counts overflows of 1024 us each.
@@ -144,7 +148,7 @@ class ElfBoard:
         self._open()
 
     def lose_settings(self) -> None:
-        self.elf.eeprom = b"\xff" * 16
+        self.elf.eeprom = b"\xff" * 64
         self.restart()
 
 

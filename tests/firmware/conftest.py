@@ -16,7 +16,15 @@ from tests.toolchain import missing, needed
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware/romeo_odometry"
-PURE = ("framing", "speed_control", "settings", "displacement")
+PURE = (
+    "framing",
+    "speed_control",
+    "runaway",
+    "tick_counter",
+    "odometry",
+    "settings",
+    "displacement",
+)
 HERE = Path(__file__).resolve().parent / "host"
 
 
@@ -55,7 +63,7 @@ def pure_parts(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     command = ["g++", "-std=gnu++14", "-shared", "-fPIC", "-O1", *checks, *includes]
     subprocess.run([*command, "-o", library, *sources], check=True)
     parts = ctypes.CDLL(str(library))
-    for name in ("decoder_new", "decoder_content", "control_new", "reports_new"):
+    for name in ("decoder_new", "decoder_content", "control_new", "reports_new", "odometry_new"):
         getattr(parts, name).restype = ctypes.c_void_p
     for name, result in (
         ("control_step", ctypes.c_int16),

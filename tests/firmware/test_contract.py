@@ -1,6 +1,7 @@
 """What any board must do at its port: the firmware's machine code and its stand-in alike."""
 
 import itertools
+import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +14,7 @@ from host.drivers.romeo.framing import encode
 from host.drivers.romeo.protocol import (
     BOARD_ROMEO_V2,
     COMMAND_TIMEOUT_MS,
+    FIRMWARE_VERSION,
     PROTOCOL_HASH,
     DisplacementFrame,
     DisplacementStatus,
@@ -37,6 +39,8 @@ from tests.firmware.boards import (
 SEED = 8
 Make = Callable[[int], BoardUnderTest]
 F = TypeVar("F", bound=Frame)
+# The wheels of these boards do not follow their motors, which is what some tests are not about.
+FREE = replace(DEFAULTS, runaway=0)
 
 
 @pytest.fixture
@@ -58,6 +62,9 @@ def test_it_introduces_itself_as_often_as_asked(board: BoardUnderTest) -> None:
         (identity,) = of(IdentityFrame, board.run(0.1))
         assert identity.protocol_hash == PROTOCOL_HASH
         assert identity.board == BOARD_ROMEO_V2
+        version = identity.version_major, identity.version_minor, identity.version_patch
+        assert version == FIRMWARE_VERSION
+        assert identity.edges_per_period == board.edges_per_period
     assert board.decoder.counts.refused == 0
 
 
@@ -108,6 +115,7 @@ def test_counter_clockwise_is_positive(board: BoardUnderTest) -> None:
 def test_a_command_drives_each_wheel_its_way_until_zero(
     board: BoardUnderTest, left: int, right: int
 ) -> None:
+    board.send(encode(FREE))
     assert board.driving == (0, 0)
     senses = ((left > 0) - (left < 0), (right > 0) - (right < 0))
     for _ in range(10):
@@ -120,6 +128,7 @@ def test_a_command_drives_each_wheel_its_way_until_zero(
 
 
 def test_the_wheels_stop_300_ms_after_the_last_command(board: BoardUnderTest) -> None:
+    board.send(encode(FREE))
     assert not status(board) & DisplacementStatus.COMMAND_TIMED_OUT
     for _ in range(5):
         board.send(encode(VelocityFrame(700, -700)))
@@ -136,12 +145,79 @@ def test_the_wheels_stop_300_ms_after_the_last_command(board: BoardUnderTest) ->
     assert board.driving == (1, 1)
 
 
+def test_a_wheel_that_does_not_follow_stops_both_until_a_stop_command(
+    board: BoardUnderTest,
+) -> None:
+    go, stop = encode(VelocityFrame(1500, 1500)), encode(VelocityFrame(0, 0))
+
+    def drive(left: int, right: int) -> DisplacementStatus:
+        """For a second, with the wheels at so many ticks/s."""
+        for _ in range(10):
+            board.send(go)
+            received = board.turn(left // 10, right // 10, 0.1)
+        return DisplacementStatus(of(DisplacementFrame, received)[-1].status)
+
+    both = DisplacementStatus.LEFT_RUNAWAY | DisplacementStatus.RIGHT_RUNAWAY
+    for (left, right), expected in {
+        (1500, 0): DisplacementStatus.RIGHT_RUNAWAY,
+        (0, 1500): DisplacementStatus.LEFT_RUNAWAY,
+        (-1500, 1500): DisplacementStatus.LEFT_RUNAWAY,
+        (100, 1500): DisplacementStatus.LEFT_RUNAWAY,
+        (0, 0): both,
+    }.items():
+        assert not drive(1500, 1500) & both
+        assert drive(left, right) & both == expected
+        assert board.driving == (0, 0)
+        # Neither time nor commands end it.
+        assert drive(1500, 1500) & both == expected
+        assert board.driving == (0, 0)
+        board.send(stop)
+        assert not status(board) & both
+
+
+def test_a_second_without_ticks_is_borne_where_that_is_set(board: BoardUnderTest) -> None:
+    board.send(encode(replace(DEFAULTS, runaway=1500)))
+    for k in range(20):
+        board.send(encode(VelocityFrame(1500, 1500)))
+        board.run(0.1)
+        assert board.driving == ((1, 1) if k < 14 else board.driving), k
+    assert board.driving == (0, 0)
+
+
+def test_distance_and_heading_are_those_of_its_ticks_and_settings(board: BoardUnderTest) -> None:
+    rng = random.Random(SEED)
+    distance = heading = 0.0
+    for _ in range(6):
+        settings = replace(
+            DEFAULTS,
+            left_radius=rng.randrange(20_000_000, 60_000_000),
+            right_radius=rng.randrange(20_000_000, 60_000_000),
+            track=rng.randrange(50_000_000, 900_000_000),
+            counts_per_turn=rng.randrange(500, 5000),
+        )
+        board.send(encode(settings))
+        board.run(0.1)
+        left, right = rng.randrange(-800, 800), rng.randrange(-800, 800)
+        board.turn(left, right, 0.2)
+        report = of(DisplacementFrame, board.run(0.1))[-1]
+        turn = 2e-9 * math.pi / settings.counts_per_turn
+        left_way, right_way = (
+            left * turn * settings.left_radius,
+            right * turn * settings.right_radius,
+        )
+        distance += (left_way + right_way) / 2.0
+        heading += (right_way - left_way) / (1e-9 * settings.track)
+        assert report.distance_um == pytest.approx(1e6 * distance, abs=1.0), f"seed {SEED}"
+        assert report.heading_urad == pytest.approx(1e6 * heading, abs=1.0), f"seed {SEED}"
+
+
 def test_settings_are_bounded_answered_used_and_kept(board: BoardUnderTest) -> None:
     board.send(encode(ReadSettingsFrame()))
     assert of(SettingsFrame, board.run(0.05)) == [DEFAULTS]
-    wild = SettingsFrame(255, 0xFF, full_speed=0, proportional=7, integral=9, acceleration=0)
+    wild = SettingsFrame(255, 0xFF, 0, 7, 9, 0, 0, 2**32 - 1, 5, track=0, counts_per_turn=0)
     board.send(encode(wild))
-    tamed = SettingsFrame(100, sum(SettingsReversed), 100, 7, 9, 100)
+    reversed_all = sum(SettingsReversed)
+    tamed = SettingsFrame(100, reversed_all, 100, 7, 9, 100, 0, 10**9, 5, 10**7, counts_per_turn=4)
     assert of(SettingsFrame, board.run(0.05)) == [tamed]
     assert len(of(DisplacementFrame, board.run(1.0))) == pytest.approx(100, abs=1)
     board.restart()
@@ -187,7 +263,7 @@ def test_broken_frames_are_counted_and_move_nothing(board: BoardUnderTest) -> No
 def test_frames_of_wrong_length_or_direction_are_counted_as_bad(board: BoardUnderTest) -> None:
     # Whole frames with the right CRC that mean nothing to a board.
     short = encode(HelloFrame())
-    identity = encode(IdentityFrame(1, 2, 3, 4, 5))
+    identity = encode(IdentityFrame(1, 2, 3, 4, 5, 6))
     unknown, long = on_the_line(b"\x7e"), on_the_line(bytes([VelocityFrame.ID, 1, 1, 1, 1, 1]))
     board.send(short + identity + unknown + long + short)
     received = board.run(0.1)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from host.config import RobotConfig, Wheels
+from host.config import Motors, RobotConfig, Wheels
 from host.drivers.romeo.differential_drive import wheel_speeds
 from host.drivers.romeo.framing import encode
 from host.drivers.romeo.protocol import VelocityFrame
@@ -26,9 +26,16 @@ class Drive:
     """A robot with the real firmware, its host, and where its odometry believes it to be."""
 
     def __init__(
-        self, elf: Path, edges: int = 2, supply_v: float = NOMINAL_V, slip: float = 0.0
+        self,
+        elf: Path,
+        edges: int = 2,
+        supply_v: float = NOMINAL_V,
+        slip: float = 0.0,
+        runaway_s: float = 0.3,
     ) -> None:
-        self.config = RobotConfig(wheels=Wheels(counts_per_turn=960 * edges))
+        self.config = RobotConfig(
+            wheels=Wheels(counts_per_turn=960 * edges), motors=Motors(runaway_s=runaway_s)
+        )
         self.board = RomeoElf(elf, edges)
         self.robot = DrivenRobot(self.board, self.config.wheels, supply_v, (slip, slip))
         self.session = BoardSession(self.config)
@@ -73,7 +80,8 @@ def test_a_speed_step_settles_within_half_a_second(
 def test_a_blocked_wheel_does_not_wind_up(elf: Callable[[int], Path]) -> None:
     released = {}
     for blocked_s in (1.0, 10.0):
-        drive = Drive(elf(2))
+        # Of the control alone: with the default both motors go off after 0.3 s (test_runaway.py).
+        drive = Drive(elf(2), runaway_s=0.0)
         drive.go(SPEED_MPS, 0.0, 1.0)
         left, _ = drive.robot.wheels
         left.blocked = True

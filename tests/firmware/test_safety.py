@@ -29,6 +29,8 @@ STEP_S = 0.001
 @pytest.fixture(params=[2, 4])
 def board(request: pytest.FixtureRequest, elf: Callable[[int], Path]) -> ElfBoard:
     board = ElfBoard(elf(request.param), request.param)
+    # Its wheels do not turn, which is what test_runaway.py is about.
+    board.send(encode(replace(DEFAULTS, runaway=0)))
     for _ in range(5):
         board.send(encode(VelocityFrame(2000, -2000)))
         board.run(0.1)
@@ -145,10 +147,10 @@ def test_a_touch_that_is_taken_back_leaves_the_watchdog_at_work(board: ElfBoard)
 def test_a_new_polarity_lets_go_of_the_wheels(board: ElfBoard) -> None:
     board.run(0.1)
     before = board.elf.motors
-    board.send(encode(DEFAULTS))  # as they are: nothing changes
+    board.send(encode(replace(DEFAULTS, runaway=0)))  # as they are: nothing changes
     board.run(0.02)
     assert board.elf.motors == pytest.approx(before, abs=0.1)
-    board.send(encode(replace(DEFAULTS, reversed=SettingsReversed.LEFT_MOTOR)))
+    board.send(encode(replace(DEFAULTS, runaway=0, reversed=SettingsReversed.LEFT_MOTOR)))
     board.run(0.02)
     assert board.elf.motors == (0.0, 0.0)
     board.send(encode(VelocityFrame(500, 500)))

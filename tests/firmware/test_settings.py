@@ -2,6 +2,7 @@
 
 import ctypes
 import random
+import struct
 from binascii import crc_hqx
 from dataclasses import astuple
 
@@ -15,7 +16,7 @@ from host.simulation.devices.romeo_stand_in import DEFAULTS, RomeoStandIn
 
 FIELDS = st.builds(
     SettingsFrame,
-    *(st.integers(0, top) for top in (255, 255, 65535, 255, 255, 65535)),
+    *(st.integers(0, 256 ** struct.calcsize(code) - 1) for code in SettingsFrame.LAYOUT.format[2:]),
 )
 
 
@@ -69,7 +70,7 @@ def test_the_bounds_are_those_of_the_stand_in(
 def test_a_record_is_version_fields_and_crc(pure_parts: ctypes.CDLL) -> None:
     record = record_of(pure_parts, DEFAULTS)
     body, crc = record[:-2], record[-2:]
-    assert body == b"\x01" + packed(DEFAULTS)
+    assert body == b"\x02" + packed(DEFAULTS)
     assert crc_hqx(body, 0) == int.from_bytes(crc, "little")
     assert read(pure_parts, record) == DEFAULTS
 
@@ -104,5 +105,5 @@ def test_other_programs_leavings_are_no_settings(pure_parts: ctypes.CDLL, seed: 
 
 
 def test_another_version_is_refused_though_its_crc_is_right(pure_parts: ctypes.CDLL) -> None:
-    body = b"\x02" + packed(DEFAULTS)
+    body = b"\x01" + packed(DEFAULTS)
     assert read(pure_parts, body + crc_hqx(body, 0).to_bytes(2, "little")) is None

@@ -4,6 +4,7 @@ import ctypes
 import math
 import random
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -81,9 +82,9 @@ class Formula:
     "settings",
     [
         DEFAULTS,
-        SettingsFrame(50, 0, full_speed=10240, proportional=40, integral=255, acceleration=65535),
-        SettingsFrame(50, 0, full_speed=65535, proportional=255, integral=255, acceleration=65535),
-        SettingsFrame(50, 0, full_speed=100, proportional=255, integral=1, acceleration=100),
+        replace(DEFAULTS, full_speed=10240, proportional=40, integral=255, acceleration=65535),
+        replace(DEFAULTS, full_speed=65535, proportional=255, integral=255, acceleration=65535),
+        replace(DEFAULTS, full_speed=100, proportional=255, integral=1, acceleration=100),
     ],
 )
 def test_the_duty_is_that_of_the_formula(make: Make, settings: SettingsFrame) -> None:

@@ -349,7 +349,7 @@ VERSION_H = "".join(
 
 def test_what_was_built_is_read_from_its_sources(project: Callable[[str, str], Path]) -> None:
     folder = project(VERSION_H, f"#define PROTOCOL_HASH 0x{PROTOCOL_HASH:08x}UL\n")
-    assert identity_of(folder) == IdentityFrame(PROTOCOL_HASH, 3, 14, 15, BOARD_ROMEO_V2)
+    assert identity_of(folder) == IdentityFrame(PROTOCOL_HASH, 3, 14, 15, BOARD_ROMEO_V2, 2)
 
 
 def test_a_stale_header_is_told_before_anything_is_uploaded(

@@ -9,11 +9,11 @@
 #error "frames are little-endian"
 #endif
 
-#define PROTOCOL_HASH 0xafa9b613UL
+#define PROTOCOL_HASH 0x21c6a5fbUL
 #define PROTOCOL_DELIMITER 0x00
 /* Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes. */
-#define PROTOCOL_LARGEST_FRAME 20
-#define PROTOCOL_LARGEST_ENCODED 24
+#define PROTOCOL_LARGEST_FRAME 32
+#define PROTOCOL_LARGEST_ENCODED 36
 
 /* [ms] without a velocity frame for so long, both wheels stop */
 #define PROTOCOL_COMMAND_TIMEOUT_MS 300
@@ -23,7 +23,7 @@
 #define PROTOCOL_REPORT_RATE_MIN_HZ 10
 /* [Hz] highest report rate */
 #define PROTOCOL_REPORT_RATE_MAX_HZ 100
-/* [ticks/s] settings.full_speed by default: 160 turns a minute of 1920 ticks each */
+/* [ticks/s] settings.full_speed by default: 160 revolutions a minute of 1920 ticks each */
 #define PROTOCOL_FULL_SPEED_TICKS_PER_S 5120
 /* [ticks/s] lowest settings.full_speed */
 #define PROTOCOL_FULL_SPEED_MIN_TICKS_PER_S 100
@@ -35,6 +35,20 @@
 #define PROTOCOL_ACCELERATION_TICKS_PER_S2 14000
 /* [ticks/s2] lowest settings.acceleration */
 #define PROTOCOL_ACCELERATION_MIN_TICKS_PER_S2 100
+/* [ms] settings.runaway by default */
+#define PROTOCOL_RUNAWAY_MS 300
+/* [nm] settings.left_radius and right_radius by default: wheels of 65 mm */
+#define PROTOCOL_RADIUS_NM 32500000UL
+/* [nm] largest settings.left_radius and right_radius */
+#define PROTOCOL_RADIUS_MAX_NM 1000000000UL
+/* [nm] settings.track by default */
+#define PROTOCOL_TRACK_NM 144000000UL
+/* [nm] smallest settings.track */
+#define PROTOCOL_TRACK_MIN_NM 10000000UL
+/* [ticks] settings.counts_per_turn by default */
+#define PROTOCOL_COUNTS_PER_TURN 1920
+/* [ticks] smallest settings.counts_per_turn */
+#define PROTOCOL_COUNTS_PER_TURN_MIN 4
 /* [1] identity.board of a DFRobot Romeo V2 */
 #define PROTOCOL_BOARD_ROMEO_V2 1
 
@@ -60,8 +74,10 @@ struct __attribute__((packed)) identity_frame {
     uint8_t version_patch;
     /* [1] kind of board, one of the board_ constants */
     uint8_t board;
+    /* [1] encoder edges that are counted in one period of a channel: 2 or 4 */
+    uint8_t edges_per_period;
 };
-static_assert(sizeof(struct identity_frame) == 9, "identity_frame is not packed");
+static_assert(sizeof(struct identity_frame) == 10, "identity_frame is not packed");
 
 /* Board to host. How far the wheels have turned; sent at the report rate, whether or not they
  * move. */
@@ -72,7 +88,12 @@ static_assert(sizeof(struct identity_frame) == 9, "identity_frame is not packed"
 #define DISPLACEMENT_STATUS_COMMAND_TIMED_OUT 0x02
 /* the stored settings were missing or damaged: defaults are in force until the next write */
 #define DISPLACEMENT_STATUS_SETTINGS_DEFAULTED 0x04
-#define DISPLACEMENT_STATUS_ALL 0x07
+/* the left motor was driven hard and its encoder did not follow for settings.runaway: both
+ * motors are off until a velocity frame of zero */
+#define DISPLACEMENT_STATUS_LEFT_RUNAWAY 0x08
+/* the same of the right motor */
+#define DISPLACEMENT_STATUS_RIGHT_RUNAWAY 0x10
+#define DISPLACEMENT_STATUS_ALL 0x1f
 struct __attribute__((packed)) displacement_frame {
     uint8_t id; /* DISPLACEMENT_ID */
     /* [frames] counts up by one a frame, dropped ones included */
@@ -83,16 +104,28 @@ struct __attribute__((packed)) displacement_frame {
     int32_t left_ticks;
     /* [ticks] running count of the right encoder since start, forward positive, modulo 2^32 */
     int32_t right_ticks;
+    /* [um] running distance since start, forward positive, modulo 2^32 */
+    int32_t distance_um;
+    /* [urad] running heading since start, counter-clockwise positive, modulo 2^32 (not modulo
+     * a rotation) */
+    int32_t heading_urad;
     /* [bits] see the bits */
     uint8_t status;
+    /* [edges] illegal transitions of the left encoder since start, modulo 2^16: too short or
+     * too fast for a wheel, so noise or missed edges */
+    uint16_t left_illegal;
+    /* [edges] the same of the right encoder; with 4 edges a period, one too short to show
+     * whose it was is counted for both */
+    uint16_t right_illegal;
     /* [frames] not sent since start because the host did not read; stays at 65535 */
     uint16_t dropped_frames;
     /* [frames] received since start and refused (COBS, CRC, id or length); stays at 65535 */
     uint16_t bad_frames;
 };
-static_assert(sizeof(struct displacement_frame) == 20, "displacement_frame is not packed");
+static_assert(sizeof(struct displacement_frame) == 32, "displacement_frame is not packed");
 
-/* Host to board. Wanted wheel speeds, in force until the next one or the command timeout. */
+/* Host to board. Target wheel speeds, in force until the next one or the command timeout.
+ * Both zero is the stop command, which also ends the runaway state. */
 #define VELOCITY_ID 0x11
 struct __attribute__((packed)) velocity_frame {
     uint8_t id; /* VELOCITY_ID */
@@ -129,16 +162,28 @@ struct __attribute__((packed)) settings_frame {
     uint8_t report_rate_hz;
     /* [bits] what is wired the other way round, see the bits */
     uint8_t reversed;
-    /* [ticks/s] of a wheel that turns freely at full duty; the control's feed-forward is
-     * wanted / full_speed */
+    /* [ticks/s] of a wheel that runs freely at full duty; the control's feed-forward is
+     * target / full_speed */
     uint16_t full_speed;
     /* [1/16] control: share of full duty for an error of full_speed */
     uint8_t proportional;
     /* [1/16 s] control: share of full duty for each second of an error of full_speed */
     uint8_t integral;
-    /* [ticks/s2] the wanted speed is followed no faster; a command timeout stops at once */
+    /* [ticks/s2] the target speed is followed no faster; a command timeout stops at once */
     uint16_t acceleration;
+    /* [ms] a motor that is driven hard for so long while its encoder makes less than a
+     * quarter of the target speed, or counts the other way, switches both off; 0 for boards
+     * without encoders: never */
+    uint16_t runaway;
+    /* [nm] rolling radius of the left wheel */
+    uint32_t left_radius;
+    /* [nm] rolling radius of the right wheel */
+    uint32_t right_radius;
+    /* [nm] distance between the left and the right wheel */
+    uint32_t track;
+    /* [ticks] of one revolution of a wheel */
+    uint32_t counts_per_turn;
 };
-static_assert(sizeof(struct settings_frame) == 9, "settings_frame is not packed");
+static_assert(sizeof(struct settings_frame) == 27, "settings_frame is not packed");
 
 #endif

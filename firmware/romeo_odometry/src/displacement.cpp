@@ -11,6 +11,11 @@ bool DisplacementReports::due(uint32_t now_us, uint8_t report_rate_hz) {
     return true;
 }
 
+void DisplacementReports::configure(const settings_frame &settings, Wheels<int32_t> ticks) {
+    odometry.advance(ticks);
+    odometry.configure(settings);
+}
+
 displacement_frame DisplacementReports::make(uint32_t time_us, Wheels<int32_t> ticks) {
     displacement_frame frame = {};
     frame.id = DISPLACEMENT_ID;
@@ -18,5 +23,8 @@ displacement_frame DisplacementReports::make(uint32_t time_us, Wheels<int32_t> t
     frame.board_time_us = time_us;
     frame.left_ticks = ticks.left;
     frame.right_ticks = ticks.right;
+    odometry.advance(ticks);
+    frame.distance_um = odometry.distance();
+    frame.heading_urad = odometry.heading();
     return frame;
 }

@@ -3,24 +3,25 @@
 #include <Arduino.h>
 #include <util/atomic.h>
 
-#include "protocol.h"
 #include "wiring.h"
 
 namespace {
 
+// Short counts, because each cycle of an edge keeps the next one waiting.
 struct Encoder {
-    // Unsigned, because they run over.
-    volatile uint32_t edges; // counts up with channel A ahead of B
-    uint32_t offset;         // keeps the ticks where they were when the sign changes
-    bool reversed;
+    volatile uint16_t forward;
+    volatile uint16_t backward;
+    volatile uint16_t illegal;
 
-    uint32_t ticks() const { return reversed ? offset - edges : offset + edges; }
-
-    void reverse(bool now_reversed) {
-        const uint32_t before = ticks();
-        reversed = now_reversed;
-        offset = reversed ? before + edges : before - edges;
+    void count(bool is_forward) {
+        if (is_forward) {
+            ++forward;
+        } else {
+            ++backward;
+        }
     }
+
+    EdgeCounts counts() const { return {forward, backward, illegal}; }
 };
 
 Encoder left;
@@ -37,20 +38,39 @@ static_assert(LEFT_ENCODER_A_PIN == 2 && RIGHT_ENCODER_A_PIN == 3, "are PD1 and 
 
 namespace {
 
-inline bool left_a() { return PIND & _BV(PD1); }
-inline bool left_b() { return PINB & _BV(PB5); }
-inline bool right_a() { return PIND & _BV(PD0); }
-inline bool right_b() { return PINB & _BV(PB7); }
+bool left_was_high;
+bool right_was_high;
+
+// From A's edge to its settled level: 5 us, of which the interrupt has taken 2.
+constexpr uint8_t SETTLING_CYCLES = 64;
+
+// An edge of A: the channels differ after it when A is ahead, and are equal when B is. Where A is as
+// it was, there were two: a pulse too short for any wheel, or edges faster than this can count. Where
+// the next edge is here already, the interrupt looks again: noise on both leads at once would change
+// both channels, and count like two edges of a wheel.
+inline void edge(Encoder &encoder, bool &was_high, bool a, bool b, uint8_t flag) {
+    if (a == was_high) {
+        ++encoder.illegal;
+        return;
+    }
+    __builtin_avr_delay_cycles(SETTLING_CYCLES);
+    if (EIFR & flag) {
+        return;
+    }
+    was_high = a;
+    encoder.count(a != b);
+}
 
 } // namespace
 
-// After an edge of A the channels differ when A is ahead, and are equal when B is.
-ISR(INT1_vect) { left.edges += left_a() != left_b() ? 1 : -1; }
-ISR(INT0_vect) { right.edges += right_a() != right_b() ? 1 : -1; }
+ISR(INT1_vect) { edge(left, left_was_high, PIND & _BV(PD1), PINB & _BV(PB5), _BV(INTF1)); }
+ISR(INT0_vect) { edge(right, right_was_high, PIND & _BV(PD0), PINB & _BV(PB7), _BV(INTF0)); }
 
 static void enable_interrupts() {
     EICRA |= _BV(ISC00) | _BV(ISC10); // on any change
     EICRA &= ~(_BV(ISC01) | _BV(ISC11));
+    left_was_high = PIND & _BV(PD1);
+    right_was_high = PIND & _BV(PD0);
     EIFR = _BV(INTF0) | _BV(INTF1);
     EIMSK |= _BV(INT0) | _BV(INT1);
 }
@@ -61,21 +81,26 @@ static_assert(LEFT_ENCODER_A_PIN == 8 && RIGHT_ENCODER_A_PIN == 10, "are PB4 and
 
 namespace {
 
+constexpr uint8_t CHANNELS = _BV(PB4) | _BV(PB5) | _BV(PB6) | _BV(PB7);
+
 volatile uint8_t levels;
+volatile bool more_came; // an edge after the last look's interrupt began: that look may have seen it
 
 inline bool left_a(uint8_t port) { return port & _BV(PB4); }
 inline bool left_b(uint8_t port) { return port & _BV(PB5); }
 inline bool right_a(uint8_t port) { return port & _BV(PB6); }
 inline bool right_b(uint8_t port) { return port & _BV(PB7); }
 
-// One step of a channel pair from `a, b`: forward when the channel that changed now differs from
-// the other (A) or equals it (B). Where both changed an edge was missed, and its direction with it.
-inline int8_t step(bool was_a, bool was_b, bool a, bool b) {
+// One step of a channel pair from `was_a, was_b`: forward when the channel that changed now differs
+// from the other (A) or equals it (B). Where both changed an edge was missed, and its direction with
+// it.
+inline void step(Encoder &encoder, bool was_a, bool was_b, bool a, bool b) {
     const bool a_changed = a != was_a;
     if (a_changed == (b != was_b)) {
-        return 0;
+        ++encoder.illegal;
+        return;
     }
-    return (a_changed ? a != b : a == b) ? 1 : -1;
+    encoder.count(a_changed ? a != b : a == b);
 }
 
 } // namespace
@@ -86,16 +111,22 @@ ISR(PCINT0_vect) {
     levels = now;
     const uint8_t changed = was ^ now;
     if (changed & (_BV(PB4) | _BV(PB5))) {
-        left.edges += step(left_a(was), left_b(was), left_a(now), left_b(now));
+        step(left, left_a(was), left_b(was), left_a(now), left_b(now));
     }
     if (changed & (_BV(PB6) | _BV(PB7))) {
-        right.edges += step(right_a(was), right_b(was), right_a(now), right_b(now));
+        step(right, right_a(was), right_b(was), right_a(now), right_b(now));
     }
+    // All is as it was: a pulse too short to show whose it was.
+    if (!(changed & CHANNELS) && !more_came) {
+        ++left.illegal;
+        ++right.illegal;
+    }
+    more_came = PCIFR & _BV(PCIF0);
 }
 
 static void enable_interrupts() {
     levels = PINB;
-    PCMSK0 |= _BV(PCINT4) | _BV(PCINT5) | _BV(PCINT6) | _BV(PCINT7);
+    PCMSK0 |= CHANNELS; // PCINT4 to 7 are PB4 to 7
     PCIFR = _BV(PCIF0);
     PCICR |= _BV(PCIE0);
 }
@@ -113,13 +144,6 @@ void encoders::begin() {
     }
 }
 
-void encoders::reverse(uint8_t reversed) {
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        left.reverse(reversed & SETTINGS_REVERSED_LEFT_ENCODER);
-        right.reverse(reversed & SETTINGS_REVERSED_RIGHT_ENCODER);
-    }
-}
-
-Wheels<int32_t> encoders::read() {
-    return {static_cast<int32_t>(left.ticks()), static_cast<int32_t>(right.ticks())};
+Wheels<EdgeCounts> encoders::counts() {
+    return {left.counts(), right.counts()};
 }

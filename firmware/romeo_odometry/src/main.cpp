@@ -13,17 +13,27 @@
 #include "motors.h"
 #include "protocol.h"
 #include "settings_store.h"
+#include "tick_counter.h"
+#include "usb_control.h"
 #include "version.h"
 #include "wheel_control.h"
+#include "wiring.h"
 
 namespace {
 
 DisplacementReports reports;
-bool greeted; // a host has said hello since start
+TickCounter ticks;
+bool greeted;          // a host has said hello since start
+bool settings_changed; // to be used, and answered, in the next pass: each takes a millisecond
 
 void apply_settings() {
     const settings_frame &settings = settings_store::in_force();
-    encoders::reverse(settings.reversed);
+    Wheels<EdgeCounts> edges;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        edges = encoders::counts();
+    }
+    reports.configure(settings, ticks.count(edges));
+    ticks.reverse(settings.reversed);
     motors::reverse(settings.reversed);
     wheel_control::configure(settings);
 }
@@ -36,6 +46,7 @@ void send_identity() {
     frame.version_minor = FIRMWARE_VERSION_MINOR;
     frame.version_patch = FIRMWARE_VERSION_PATCH;
     frame.board = PROTOCOL_BOARD_ROMEO_V2;
+    frame.edges_per_period = ENCODER_EDGES;
     link::send(&frame, sizeof frame);
 }
 
@@ -43,17 +54,31 @@ void send_settings() {
     link::send(&settings_store::in_force(), sizeof(settings_frame));
 }
 
+uint8_t status() {
+    const Wheels<bool> ran_away = wheel_control::ran_away();
+    return (greeted ? 0 : DISPLACEMENT_STATUS_FRESH) |
+           (wheel_control::timed_out() ? DISPLACEMENT_STATUS_COMMAND_TIMED_OUT : 0) |
+           (settings_store::defaulted() ? DISPLACEMENT_STATUS_SETTINGS_DEFAULTED : 0) |
+           (ran_away.left ? DISPLACEMENT_STATUS_LEFT_RUNAWAY : 0) |
+           (ran_away.right ? DISPLACEMENT_STATUS_RIGHT_RUNAWAY : 0);
+}
+
 void send_displacement() {
     uint32_t now_us;
-    Wheels<int32_t> ticks;
+    Wheels<EdgeCounts> edges;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         now_us = micros();
-        ticks = encoders::read();
+        edges = encoders::counts();
     }
-    displacement_frame frame = reports.make(now_us, ticks);
-    frame.status = (greeted ? 0 : DISPLACEMENT_STATUS_FRESH) |
-                   (wheel_control::timed_out() ? DISPLACEMENT_STATUS_COMMAND_TIMED_OUT : 0) |
-                   (settings_store::defaulted() ? DISPLACEMENT_STATUS_SETTINGS_DEFAULTED : 0);
+    // Also where nobody listens: before the edges run over.
+    const Wheels<int32_t> counted = ticks.count(edges);
+    if (!link::is_open()) {
+        return;
+    }
+    displacement_frame frame = reports.make(now_us, counted);
+    frame.left_illegal = edges.left.illegal;
+    frame.right_illegal = edges.right.illegal;
+    frame.status = status();
     frame.dropped_frames = link::dropped_frames();
     frame.bad_frames = link::bad_frames();
     link::send(&frame, sizeof frame);
@@ -73,16 +98,24 @@ void handle(const uint8_t *content, uint8_t size) {
         send_identity();
     } else if (as<read_settings_frame>(READ_SETTINGS_ID, content, size)) {
         send_settings();
-    } else if (const auto *wanted = as<settings_frame>(SETTINGS_ID, content, size)) {
-        // What turns the other way round from now on must not be driven meanwhile.
-        if (wanted->reversed != settings_store::in_force().reversed) {
+    } else if (const auto *settings = as<settings_frame>(SETTINGS_ID, content, size)) {
+        // What runs the other way round from now on must not be driven meanwhile.
+        if (settings->reversed != settings_store::in_force().reversed) {
             wheel_control::stop();
         }
-        settings_store::write(*wanted);
-        apply_settings();
-        send_settings();
+        settings_store::write(*settings);
+        settings_changed = true;
     } else {
         link::refuse();
+    }
+}
+
+// Where edges without end leave the control no time, it is the watchdog that stops the motors. It is
+// also the way into the bootloader: then it must not be held off.
+void feed_watchdog() {
+    if (wheel_control::has_run() && !link::bootloader_asked()) {
+        // Set anew each time, because the core shortens it while the host asks for the bootloader.
+        wdt_enable(WDTO_500MS);
     }
 }
 
@@ -107,16 +140,18 @@ void setup() {
 
 // Not inlined, so that the simulator can time its passes.
 void __attribute__((noinline)) loop() {
-    // The way into the bootloader is the watchdog's reset: then it must not be held off.
-    if (!link::bootloader_asked()) {
-        wdt_reset();
-    }
+    usb_control::step();
+    feed_watchdog();
     uint8_t size;
-    if (const uint8_t *content = link::receive(&size)) {
+    if (settings_changed) {
+        settings_changed = false;
+        apply_settings();
+        send_settings();
+    } else if (const uint8_t *content = link::receive(&size)) {
         handle(content, size);
     }
     settings_store::step();
-    if (reports.due(micros(), settings_store::in_force().report_rate_hz) && link::is_open()) {
+    if (reports.due(micros(), settings_store::in_force().report_rate_hz)) {
         send_displacement();
     }
 }

@@ -18,12 +18,12 @@ void SpeedControl::configure(const settings_frame &settings) {
 }
 
 void SpeedControl::stop() {
-    wanted = 0;
+    target = 0;
     reference = 0;
 }
 
 void SpeedControl::ramp() {
-    reference += static_cast<int16_t>(clipped(static_cast<int32_t>(wanted) - reference, most_change));
+    reference += static_cast<int16_t>(clipped(static_cast<int32_t>(target) - reference, most_change));
 }
 
 int16_t SpeedControl::step(int32_t position, int16_t full_duty) {

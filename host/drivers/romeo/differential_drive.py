@@ -5,18 +5,27 @@ import math
 from host.config import Wheels
 from host.messages import Displacement
 
+# What one illegal transition may have cost, in ticks: two edges missed, all of them the same way.
+TICKS_PER_ILLEGAL = 2
+
 
 def displacement(
-    wheels: Wheels, time: float, interval: float, left_ticks: int, right_ticks: int
+    wheels: Wheels,
+    time: float,
+    interval: float,
+    left_ticks: int,
+    right_ticks: int,
+    illegal: tuple[int, int] = (0, 0),
 ) -> Displacement:
-    """How the robot moved in the `interval` (s) in which the wheels turned by so many ticks.
+    """How the robot moved in the `interval` (s) in which the wheels went so many ticks.
 
-    Perera 2021, eq. 31 for the distance D and eq. 32 for the turn, here with each wheel's own
+    Perera 2021, eq. 31 for the distance D and eq. 32 for the rotation, here with each wheel's own
     radius and counter-clockwise positive: dpsi = (right - left) / track. At constant wheel speeds
     the path is an arc; (dx, dy) is its chord, of length D sin(dpsi/2) / (dpsi/2) and direction
     dpsi/2. The variances grow with the way: distance_noise² per metre for the translation,
     heading_noise² per radian turned and drift_noise² per metre for the heading: wheels slip and
-    tyres differ on the straight too.
+    tyres differ on the straight too. illegal: the encoders' illegal transitions (left, right) in
+    the interval, for each of which a wheel may have gone TICKS_PER_ILLEGAL further or less.
     """
     left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
     right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
@@ -24,16 +33,28 @@ def displacement(
     half = dpsi / 2.0
     chord = distance * math.sin(half) / half if half else distance
     way = abs(distance)
+    uncounted = (
+        _metres_per_tick(wheels, wheels.left_radius_m) * TICKS_PER_ILLEGAL * illegal[0]
+    ) ** 2 + (_metres_per_tick(wheels, wheels.right_radius_m) * TICKS_PER_ILLEGAL * illegal[1]) ** 2
     return Displacement(
         time=time,
         interval=interval,
         dx=chord * math.cos(half),
         dy=chord * math.sin(half),
         dpsi=dpsi,
-        translation_variance=wheels.distance_noise_m**2 * way,
-        heading_variance=wheels.heading_noise_rad**2 * abs(dpsi) + wheels.drift_noise_rad**2 * way,
+        translation_variance=wheels.distance_noise_m**2 * way + uncounted / 4.0,
+        heading_variance=wheels.heading_noise_rad**2 * abs(dpsi)
+        + wheels.drift_noise_rad**2 * way
+        + uncounted / wheels.track_m**2,
         ticks=(left_ticks, right_ticks),
     )
+
+
+def distance(wheels: Wheels, left_ticks: int, right_ticks: int) -> float:
+    """Eq. 31: the way (m) of the middle between the wheels, along its arc."""
+    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
+    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
+    return (left + right) / 2.0
 
 
 def wheel_speeds(wheels: Wheels, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:

@@ -8,7 +8,8 @@ from dataclasses import asdict
 
 from host.config import RobotConfig
 from host.drivers.clock import ClockSync
-from host.drivers.romeo.differential_drive import displacement, wheel_speeds
+from host.drivers.romeo.checks import ReportChecks, illegal_transitions, old_version, wrong_edges
+from host.drivers.romeo.differential_drive import displacement, distance, wheel_speeds
 from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.protocol import (
     PROTOCOL_HASH,
@@ -20,6 +21,7 @@ from host.drivers.romeo.protocol import (
     SettingsReversed,
     VelocityFrame,
 )
+from host.drivers.romeo.runaway import RunawayWatch, difference
 from host.messages import Displacement
 
 ASK_PERIOD_S = 0.5  # hello, and the settings, until they are answered
@@ -40,6 +42,8 @@ class BoardSession:
         self._clock = ClockSync()
         self._counts = {"connections": 0, "restarts": 0, "lost": 0}
         self._by_board = {"dropped_by_board": 0, "refused_by_board": 0}
+        self._checks = ReportChecks()
+        self._runaway = RunawayWatch(robot.motors.runaway_s)
         self._connected, self._heard, self._restarted = 0.0, False, False
         # The board's clock (us) when it was last heard at a host time, over all connections.
         self._heard_clock: tuple[int, float] | None = None
@@ -64,6 +68,7 @@ class BoardSession:
         self._base: tuple[DisplacementFrame, float] | None = None
         self._last: DisplacementFrame | None = None
         self._clock.forget()
+        self._runaway.connected()
 
     @property
     def greeted(self) -> bool:
@@ -106,6 +111,8 @@ class BoardSession:
             self._counts["restarts"] += self._restarted_unseen(frame.board_time_us, now)
         else:
             self._counts["lost"] += (frame.sequence - self._last.sequence - 1) % (1 << 16)
+            self._checks.noise(illegal_transitions(frame, self._last), now)
+        self._runaway.take(frame, self._sent, now)
         self._last, self._last_report = frame, now
         self._heard_clock = frame.board_time_us, now
         self._by_board = {
@@ -125,20 +132,19 @@ class BoardSession:
             # counters run on, so the next displacement brings these ticks too.
             return None
         self._base = frame, time
-        return displacement(
-            self._wheels,
-            time,
-            time - base_time,
-            _difference(frame.left_ticks, base.left_ticks),
-            _difference(frame.right_ticks, base.right_ticks),
-        )
+        left = difference(frame.left_ticks, base.left_ticks)
+        right = difference(frame.right_ticks, base.right_ticks)
+        illegal = illegal_transitions(frame, base)
+        step = displacement(self._wheels, time, time - base_time, left, right, illegal)
+        self._checks.compare(base, frame, step, distance(self._wheels, left, right), now)
+        return step
 
     def _restarted_unseen(self, board_time_us: int, now: float) -> bool:
         """Did the board restart since the last connection? Its USB port goes with it."""
         if self._heard_clock is None:
             return False
         before_us, then = self._heard_clock
-        gone_s = _difference(board_time_us, before_us + round((now - then) * 1e6)) * 1e-6
+        gone_s = difference(board_time_us, before_us + round((now - then) * 1e6)) * 1e-6
         return abs(gone_s) > RESTART_S + ClockSync.LARGEST_DRIFT * (now - then)
 
     def transmit(self, now: float, wanted: tuple[int, int] | None) -> bytes:
@@ -148,12 +154,22 @@ class BoardSession:
         if self._settings is None:
             # Not before its first report, which tells whether it had lost the stored ones.
             return self._ask(self._wanted_settings, now) if self._last else b""
+        if self._runaway.active and (wanted is None or self._runaway.retry(now)):
+            return self._end_runaway(now)
         if wanted is None:
             return self.stop() if self._sent != STILL else b""
         if wanted == self._sent and now < self._next_velocity:
             return b""
         self._sent, self._next_velocity = wanted, now + VELOCITY_PERIOD_S
         return encode(VelocityFrame(*wanted))
+
+    def _end_runaway(self, now: float) -> bytes:
+        """A stop command, once a while, until the board no longer reports the runaway state."""
+        if now < self._next_velocity:
+            return b""
+        self._next_velocity = now + VELOCITY_PERIOD_S
+        self._runaway.stopped(now)
+        return self.stop()
 
     def _ask(self, question: HelloFrame | SettingsFrame, now: float) -> bytes:
         if now < self._next_question:
@@ -180,18 +196,35 @@ class BoardSession:
             return False, "the board fell silent: check its power, press its reset button"
         if self._settings is None:
             return False, "telling the board its settings"
-        version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
-        return True, f"firmware {version}" + self._about_settings(self._settings)
+        return self._findings(identity, self._settings, now)
 
-    def _about_settings(self, settings: SettingsFrame) -> str:
-        lost = "; it had no settings stored and has robot.toml's now" * self._lost_settings
+    def _findings(
+        self, identity: IdentityFrame, settings: SettingsFrame, now: float
+    ) -> tuple[bool, str]:
+        """Of a board that reports: what makes its reports or its motors useless, else remarks."""
+        edges_fault, edges_remark = wrong_edges(identity, self._wheels)
+        faults = [self._runaway.fault(now), edges_fault, self._checks.fault(now)]
+        version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+        remarks = [
+            f"firmware {version}",
+            old_version(identity),
+            *self._about_settings(settings),
+            edges_remark,
+            *self._checks.remarks(),
+            self._runaway.remark(now),
+        ]
+        reasons = [reason for reason in (*faults, *remarks) if reason]
+        return not any(faults), "; ".join(reasons)
+
+    def _about_settings(self, settings: SettingsFrame) -> list[str]:
+        lost = ["it had no settings stored and has robot.toml's now"] * self._lost_settings
         wanted = asdict(self._wanted_settings)
         others = [
             f"{name} {value} instead of {wanted[name]}"
             for name, value in asdict(settings).items()
             if value != wanted[name]
         ]
-        return lost + ("; it can only set " + ", ".join(others) if others else "")
+        return lost + ["it can only set " + ", ".join(others)] * bool(others)
 
     def _unanswered(self, now: float) -> str:
         if self._restarted and now < self._last_report + PATIENCE_S:
@@ -211,11 +244,15 @@ class BoardSession:
             "frames_delayed": self._clock.late,
             **self._counts,
             **self._by_board,
+            "illegal_left": self._checks.illegal[0],
+            "illegal_right": self._checks.illegal[1],
+            "runaways": self._runaway.count,
+            "odometry_disagreements": self._checks.disagreements,
         }
 
 
 def settings_for(robot: RobotConfig) -> SettingsFrame:
-    """The board's settings, of [motors] and [board]; speeds in ticks of this robot's wheels."""
+    """The board's settings: of [motors], [board] and [wheels]; speeds in ticks of these wheels."""
     motors = robot.motors
     ticks_per_metre = sum(wheel_speeds(robot.wheels, 1.0, 0.0)) / 2.0
     return SettingsFrame(
@@ -230,10 +267,9 @@ def settings_for(robot: RobotConfig) -> SettingsFrame:
         proportional=round(16.0 * motors.proportional),
         integral=round(16.0 * motors.integral_per_s),
         acceleration=min(round(motors.acceleration_mps2 * ticks_per_metre), 0xFFFF),
+        runaway=round(1e3 * motors.runaway_s),
+        left_radius=round(1e9 * robot.wheels.left_radius_m),
+        right_radius=round(1e9 * robot.wheels.right_radius_m),
+        track=round(1e9 * robot.wheels.track_m),
+        counts_per_turn=robot.wheels.counts_per_turn,
     )
-
-
-def _difference(now: int, before: int) -> int:
-    """How far a 32-bit counter has gone, the shorter way round."""
-    half = 1 << 31
-    return (now - before + half) % (1 << 32) - half

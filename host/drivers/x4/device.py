@@ -13,7 +13,7 @@ import serial
 from host.config import Lidar
 from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
-from host.drivers.serial_port import READ_BYTES, find_port, open_port, read_available
+from host.drivers.serial_port import find_port, open_port, read_available
 from host.drivers.x4 import commands
 from host.drivers.x4.commands import DeviceHealth, DeviceInfo
 from host.drivers.x4.formats import unknown_format
@@ -201,9 +201,7 @@ class X4:
                 if now - asked > _SCAN_AGAIN_S:  # a dip of its supply makes a lidar forget it
                     port.write(commands.SCAN)
                     asked = now
-            due = packets > began and now - checked >= _HEALTH_PERIOD_S
-            # After a full read more is waiting, and samples would seem to be missing.
-            if due and now - last < _SILENCE_S and len(data) < READ_BYTES:
+            elif came and now - checked >= _HEALTH_PERIOD_S:
                 self._report(*self._judge(before, identity, liveness, now))
                 checked, before = now, dict(decoder.counts)
 

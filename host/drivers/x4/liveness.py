@@ -88,10 +88,10 @@ class Liveness:
         settled = now - self._started > START_S
         return (
             (self._wrong_speed(recent) if settled else None)
-            or self._wrong_sample_rate()
             or self._no_revolution(recent, settled)
             or self._no_return(recent)
             or self._frozen_ranges(recent)
+            or self._wrong_sample_rate()
             or (self._covered_sector() if settled else None)
         )
 

@@ -18,7 +18,7 @@ from host.config import Board, RobotConfig, Wheels
 from host.drivers.romeo.device import Romeo
 from host.drivers.romeo.differential_drive import body_speeds
 from host.drivers.romeo.framing import BoardDecoder
-from host.drivers.romeo.protocol import PROTOCOL_HASH, VelocityFrame
+from host.drivers.romeo.protocol import FIRMWARE_VERSION, PROTOCOL_HASH, VelocityFrame
 from host.messages import Displacement, Health, Message
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 
@@ -157,7 +157,11 @@ def test_displacements_come_and_health_counts_them(plug: Plug, driver: Driver) -
     assert told == pytest.approx(1000 * (rest[-1].time - first.time), abs=50)
     wait_for(lambda: driver.health()[-1].counts["frames"] >= 60)
     health = driver.health()[-1]
-    assert (health.device, health.ok, health.reason) == ("board", True, "firmware 0.1.0")
+    assert (health.device, health.ok, health.reason) == (
+        "board",
+        True,
+        f"firmware {'.'.join(map(str, FIRMWARE_VERSION))}",
+    )
     assert health.counts["lost"] == 0
 
 

@@ -20,7 +20,7 @@ from host.drivers.romeo.protocol import (
     VelocityFrame,
 )
 
-SAMPLE = DisplacementFrame(7, 4_000_000_000, -123_456, 654_321, 0, 0, 3)
+SAMPLE = DisplacementFrame(7, 4_000_000_000, -123_456, 654_321, 98_765, -43_210, 0, 1, 2, 0, 3)
 
 
 def crc_xmodem(data: bytes) -> int:
@@ -113,7 +113,7 @@ def test_the_bytes_are_those_of_the_definition(frame: Frame) -> None:
 def test_the_greeting_reads_the_same_in_every_version() -> None:
     """Frozen: with other bytes, old firmware and new host could not tell each other apart."""
     assert encode(HelloFrame()).hex() == "0401211000"
-    raw = unstuff(encode(IdentityFrame(0x11223344, 1, 2, 3, 4))[:-1])
+    raw = unstuff(encode(IdentityFrame(0x11223344, 1, 2, 3, 4, 2))[:-1])
     assert raw is not None
     assert raw[:5] == b"\x02\x44\x33\x22\x11"
 

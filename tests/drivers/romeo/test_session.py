@@ -9,6 +9,7 @@ import pytest
 from host.config import Board, Motors, RobotConfig, Wheels
 from host.drivers.romeo.framing import BoardDecoder, encode
 from host.drivers.romeo.protocol import (
+    FIRMWARE_VERSION,
     PROTOCOL_HASH,
     DisplacementFrame,
     HelloFrame,
@@ -21,6 +22,7 @@ from host.drivers.romeo.session import BoardSession, settings_for
 from host.messages import Displacement
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 
+FIRMWARE = f"firmware {'.'.join(map(str, FIRMWARE_VERSION))}"
 LEFT, RIGHT = 1500.0, 1800.0  # ticks/s
 
 
@@ -86,7 +88,7 @@ def check_ticks(line: Line) -> None:
 def test_greeting_then_displacements() -> None:
     line = Line(RomeoStandIn(driving, start=50.0, drift=0.004))
     line.run(5.0)
-    assert line.state == (True, "firmware 0.1.0")
+    assert line.state == (True, FIRMWARE)
     assert len(line.steps) == pytest.approx(250, abs=4)
     check_chain(line.steps)
     check_ticks(line)
@@ -196,7 +198,7 @@ def test_a_restart_is_told_by_the_clock_where_somebody_else_greeted_the_board() 
 def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
     session = BoardSession(RobotConfig())
     session.connect(0.0)
-    identity = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, 1))
+    identity = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, 1, 2))
     session.receive(identity[:4], 0.1)
     session.connect(1.0)
     session.receive(identity, 1.1)
@@ -211,7 +213,7 @@ def test_settings_that_the_last_connection_left_unread_are_no_answer_to_this_one
     line.session.receive(encode(settings_for(RobotConfig())), line.now)
     line.run(1.0)
     assert line.board.settings == settings_for(robot)
-    assert line.state == (True, "firmware 0.1.0")
+    assert line.state == (True, FIRMWARE)
 
 
 def test_a_silent_board_and_its_return() -> None:
@@ -312,7 +314,7 @@ def test_noise_and_absurd_values_never_raise(seed: int) -> None:
         if kind == 0:
             data = rng.randbytes(rng.randrange(100))
         elif kind == 1:
-            data = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, rng.randrange(256)))
+            data = encode(IdentityFrame(PROTOCOL_HASH, 1, 2, 3, *rng.randbytes(2)))
         else:
             data = encode(
                 DisplacementFrame(
@@ -320,7 +322,10 @@ def test_noise_and_absurd_values_never_raise(seed: int) -> None:
                     rng.choice((0, 1, 2**32 - 1, rng.randrange(1 << 32))),
                     rng.choice((-(2**31), 2**31 - 1, 0)),
                     rng.randrange(-(2**31), 2**31),
+                    *(rng.randrange(-(2**31), 2**31) for _ in range(2)),
                     rng.choice((0, 0, 0, rng.randrange(256))),
+                    rng.randrange(1 << 16),
+                    rng.randrange(1 << 16),
                     rng.randrange(1 << 16),
                     rng.randrange(1 << 16),
                 )

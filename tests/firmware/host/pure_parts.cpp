@@ -1,8 +1,10 @@
 // The firmware's pure parts behind C functions, for ctypes.
 #include "displacement.h"
 #include "framing.h"
+#include "odometry.h"
 #include "settings.h"
 #include "speed_control.h"
+#include "tick_counter.h"
 
 extern "C" {
 
@@ -22,7 +24,7 @@ SpeedControl *control_new(const settings_frame *settings) {
     return control;
 }
 void control_delete(SpeedControl *control) { delete control; }
-void control_want(SpeedControl *control, int16_t ticks_per_s) { control->want(ticks_per_s); }
+void control_want(SpeedControl *control, int16_t ticks_per_s) { control->aim(ticks_per_s); }
 void control_stop(SpeedControl *control) { control->stop(); }
 int16_t control_step(SpeedControl *control, int32_t position, int16_t full_duty) {
     return control->step(position, full_duty);
@@ -36,6 +38,17 @@ bool reports_due(DisplacementReports *reports, uint32_t now_us, uint8_t rate_hz)
 void reports_make(DisplacementReports *reports, uint32_t time_us, int32_t left, int32_t right,
                   displacement_frame *frame) {
     *frame = reports->make(time_us, {left, right});
+}
+
+odometry::Odometry *odometry_new() { return new odometry::Odometry; }
+void odometry_delete(odometry::Odometry *odometry) { delete odometry; }
+void odometry_configure(odometry::Odometry *odometry, const settings_frame *settings) {
+    odometry->configure(*settings);
+}
+void odometry_advance(odometry::Odometry *odometry, int32_t left, int32_t right, int32_t *sums) {
+    odometry->advance({left, right});
+    sums[0] = odometry->distance();
+    sums[1] = odometry->heading();
 }
 
 uint8_t settings_record_size() { return sizeof(settings::Record); }
