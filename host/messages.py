@@ -40,6 +40,8 @@ class Positions:
     inf where nothing came back, 0 where it did not look; None from a sensor that cannot tell.
     identities (n,): who was measured (-1 nobody), where a dataset knows; only the clairvoyant
     filter of the evaluation reads it.
+    scores (n,): log likelihood ratio of a teammate against anything else, by how each looks; None
+    from a sensor that does not tell.
     """
 
     time: float
@@ -48,6 +50,7 @@ class Positions:
     lags: FloatArray | None = None
     clearance: FloatArray | None = None
     identities: IntArray | None = None
+    scores: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

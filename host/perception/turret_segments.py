@@ -1,0 +1,147 @@
+"""A scan cut into segments, each of one surface, and what stands beside each of them.
+
+Consecutive returns belong to one segment unless the range steps or the points are far apart, both
+measured by the width of a turret. So a turret is one segment even close before a wall.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.config import Lidar
+from host.geometry import Path, to_parent
+from host.messages import BoolArray, FloatArray, IntArray, Scan
+
+STEP = 0.6  # turret widths between the ranges of neighbours: another surface begins ...
+_GAP = 0.92  # ... and so it does where the points are further apart
+_WIDTH_MARGIN_M = 0.02
+_LEAST_SHARE = 0.3  # of the returns that a turret in plain view would give
+_CENTRE_DEPTH = 0.8  # radii from the visible arc to the axis
+
+
+@dataclass(frozen=True, slots=True)
+class Returns:
+    """The returns of a revolution (n,) in scan order, beginning with that of a new surface.
+
+    points (n, 2) m: in the robot frame at the end of the revolution. ranges (n,) m and times (n,)
+    s as in the scan; sample (n,): which of its `samples` each is. starts (n,): first of a segment.
+    """
+
+    points: FloatArray
+    ranges: FloatArray
+    times: FloatArray
+    sample: IntArray
+    samples: int
+    starts: BoolArray
+
+    @property
+    def spacing(self) -> float:
+        """Angle between samples, rad."""
+        return math.tau / self.samples
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Segments (k,) that are as small as a turret, of the returns `first` to `last`.
+
+    middles (k, 2) m between their ends; rays (k, 2): unit vectors from the lidar to there, and
+    distances (k,) m. widths (k,) rad: of a turret there; extents (k,) rad: from first to last.
+    steps (2, k) m: how much further the returns on both sides are; nulls (2, k): how many samples
+    without a return lie between.
+    """
+
+    first: IntArray
+    last: IntArray
+    middles: FloatArray
+    rays: FloatArray
+    distances: FloatArray
+    widths: FloatArray
+    extents: FloatArray
+    steps: FloatArray
+    nulls: IntArray
+
+    @property
+    def sizes(self) -> IntArray:
+        """Returns in each."""
+        return self.last - self.first + 1
+
+    def hidden(self, diameter: float) -> BoolArray:
+        """Whether something close beside (2, k) is nearer, so that it may hide an end."""
+        return (self.steps < -STEP * diameter) & (self.nulls <= 2)
+
+
+def place(scan: Scan, lidar: Lidar, path: Path) -> tuple[FloatArray, BoolArray]:
+    """Where every sample (n, 2) m was in the robot frame at the end, and which ones returned.
+
+    Each is placed with the pose that the robot had when it was measured (de-skewing) and with the
+    lidar's mounting. A sample without a return still has a direction: it is placed 1 m away.
+    """
+    mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
+    returned = scan.ranges > 0.0
+    reach = np.where(returned, scan.ranges, 1.0)
+    beams = np.stack((reach * np.cos(scan.angles), reach * np.sin(scan.angles)), axis=1)
+    return path.carry(to_parent(beams, mounting), scan.times, scan.time), returned
+
+
+def returns(scan: Scan, points: FloatArray, returned: BoolArray, diameter: float) -> Returns:
+    """The returns among the samples' `points` (n, 2), and where a new surface begins."""
+    sample = np.flatnonzero(returned)
+    points, ranges = points[sample], scan.ranges[sample]
+    before = np.roll(points, 1, axis=0) - points
+    starts = np.abs(ranges - np.roll(ranges, 1)) > STEP * diameter
+    starts |= np.sum(before * before, axis=1) > (_GAP * diameter) ** 2
+    # Where one surface is all around, nothing is a turret: one segment that begins anywhere.
+    begin = int(np.argmax(starts)) if len(starts) else 0
+    order = (np.arange(len(sample)) + begin) % max(len(sample), 1)
+    starts = starts[order]
+    starts[:1] = True
+    return Returns(
+        points[order],
+        ranges[order],
+        scan.times[sample][order],
+        sample[order],
+        len(returned),
+        starts,
+    )
+
+
+def small_segments(seen: Returns, lidar: Lidar) -> Segments:
+    """The segments that are near enough, and neither wider nor far narrower than a turret."""
+    points, ranges, count = seen.points, seen.ranges, len(seen.ranges)
+    first = np.flatnonzero(seen.starts)
+    last = np.append(first[1:], count) - 1
+    chord = np.hypot(*(points[last] - points[first]).T)
+    width = 2.0 * np.arctan2(0.5 * lidar.target_diameter_m, ranges[first])
+    fits = (
+        (last > first)
+        & (last - first >= _LEAST_SHARE * width / seen.spacing - 2.0)
+        & (chord <= lidar.target_diameter_m + _WIDTH_MARGIN_M)
+        & (ranges[first] <= lidar.max_range_m)
+    )
+    return _measured(seen, first[fits], last[fits], lidar)
+
+
+def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> Segments:
+    points, ranges, count = seen.points, seen.ranges, len(seen.ranges)
+    # The lidar moves by less than a sample's width while it passes a turret: one origin does.
+    origin = np.array([lidar.x_m, lidar.y_m])
+    begin, end = points[first] - origin, points[last] - origin
+    middle = 0.5 * (begin + end)
+    distance = np.maximum(np.hypot(*middle.T), 1e-6)
+    turned = np.abs(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
+    radius = 0.5 * lidar.target_diameter_m
+    before, after = (first - 1) % max(count, 1), (last + 1) % max(count, 1)
+    return Segments(
+        first,
+        last,
+        middle + origin,
+        middle / distance[:, None],
+        distance,
+        2.0 * np.arcsin(np.minimum(radius / (distance + _CENTRE_DEPTH * radius), 0.99)),
+        np.arctan2(turned, np.sum(begin * end, axis=1)),
+        np.stack((ranges[before] - ranges[first], ranges[after] - ranges[last])),
+        np.stack((seen.sample[first] - seen.sample[before], seen.sample[after] - seen.sample[last]))
+        % seen.samples
+        - 1,
+    )
