@@ -125,7 +125,7 @@ class Lidar(Section):
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
     delay_s: float = Field(0.0, ge=-0.5, le=1.0)
     target_diameter_m: float = Field(0.065, gt=0.01, lt=1.0)
-    range_noise_m: float = Field(0.003, gt=0.0, lt=0.5)  # std of one sample at 1 m
+    range_noise_m: float = Field(0.0016, gt=0.0, lt=0.5)  # std of one sample at 1 m
     min_range_m: float = Field(0.12, ge=0.0, lt=5.0)
     max_range_m: float = Field(2.5, gt=0.1, le=12.0)  # detections beyond are not used
     field_of_view_rad: float = Field(math.tau, gt=0.0, le=math.tau)  # centred ahead

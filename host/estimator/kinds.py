@@ -36,7 +36,17 @@ def born_at(measured: Positions, settings: FilterSettings, parent: int) -> Float
     rows = rows_of(born)
     rows[X], rows[Y] = measured.positions.T
     rows[PXX:WEIGHT] = measured.covariances.reshape(-1, 4).T.take((0, 1, 3), axis=0)[:, None]
-    rows[WEIGHT, TEAMMATE] = settings.birth_per_m2 * (1.0 - settings.obstacle_share)
+    # What does not look like a turret is rather an obstacle. More than even odds in favour are not
+    # used: what looks like one in this revolution, a post, does so in the next.
+    teammate = (1.0 - settings.obstacle_share) * likeness(measured)
+    rows[WEIGHT, TEAMMATE] = settings.birth_per_m2 * teammate
     rows[WEIGHT, OBSTACLE] = settings.birth_per_m2 * settings.obstacle_share
     born[SEEN], born[PARENT] = measured.time, parent
     return born
+
+
+def likeness(measured: Positions) -> FloatArray:
+    """min(1, likelihood ratio) (m,) of each reading: 1 where the sensor gives no score."""
+    if measured.scores is None:
+        return np.ones(len(measured.positions))
+    return np.asarray(np.exp(np.minimum(measured.scores, 0.0)))

@@ -39,6 +39,7 @@ from host.estimator.kinds import (
     TEAMMATE,
     born_at,
     existence,
+    likeness,
     rows_of,
 )
 from host.estimator.reduction import groups_by_reading, merge, pass_on_labels
@@ -121,7 +122,8 @@ class PhdFilter:
         )
         born = born_at(measured, settings, parent=n)
         seen, likelihood = self._kalman_updates(measured, born, i, j)
-        mass = self._weigh(rows_of(seen), rows_of(born), detected.take(i) * likelihood, j)
+        clutter = self._lidar.clutter / likeness(measured)
+        mass = self._weigh(rows_of(seen), rows_of(born), detected.take(i) * likelihood, j, clutter)
         # What was seen of a thing was not missed as well: it gives one reading a revolution.
         rows[WEIGHT] *= (1.0 - detected) * np.maximum(1.0 - np.bincount(i, mass, n), 0.0)
         state[PARENT] = np.arange(n)
@@ -158,16 +160,22 @@ class PhdFilter:
         return updated, likelihood
 
     def _weigh(
-        self, seen: FloatArray, born: FloatArray, factor: FloatArray, j: IntArray
+        self,
+        seen: FloatArray,
+        born: FloatArray,
+        factor: FloatArray,
+        j: IntArray,
+        clutter: FloatArray,
     ) -> FloatArray:
         """Weights of what was seen and born, in place; returns those of the pairs (p,).
 
         w'(i, z) = P_D(i) w(i) q(i, z) / (kappa + beta + sum over k of P_D(k) w(k) q(k, z))
-        (Vo & Ma prop. 2 with births beta from the readings); factor (2, p): P_D(i) q(i, z).
+        (Vo & Ma prop. 2 with births beta from the readings); factor (2, p): P_D(i) q(i, z);
+        clutter kappa (m,): 1/m², more where a reading looks less like a turret.
         """
         seen[WEIGHT] *= factor
         mass = existence(seen)
-        background = self._lidar.clutter + self._settings.birth_per_m2
+        background = clutter + self._settings.birth_per_m2
         share = 1.0 / (np.bincount(j, mass, born.shape[2]) + background)
         scale = share.take(j)
         mass *= scale

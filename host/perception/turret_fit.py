@@ -12,17 +12,23 @@ from host.config import Lidar
 from host.messages import FloatArray, IntArray
 from host.perception.turret_segments import Returns, Segments
 
-_NEAREST_NOISE_M = 0.5  # nearer than this the range noise stays what it is
-_RIM_RAD = 0.0025  # of each end of the arc gives no return: the beam is wider than what it meets
-_LEAST_SPACINGS = 0.3  # no end is known better than to this share of the samples' spacing
-_LOST_ENDS = 0.08  # share of the arcs whose ends do not return for another reason
+X4_NOISE_M = 0.0016  # std of one range at 1 m, of recorded X4s over still targets
+_NEAREST_NOISE_M = 0.3  # nearer than this the range noise stays what it is ...
+_FAR_NOISE_M = 5.0  # ... and here it is twice as much as in proportion (recorded X4s)
+_RIM_RAD = 0.00125  # of each end of the arc gives no return, on average
+_LEAST_SPACINGS = 0.4  # no end is known better than to this share of the samples' spacing
+_FREE_END = 1.2  # spacings: how surely the end tells that nothing nearer hides
+_WANDER_RAD = 0.0015  # of all bearings of a revolution together (recorded X4s: up to 0.003)
+_LOST_ENDS = 0.05  # share of the arcs whose ends do not return for another reason
 _ODD_RESIDUAL = 3.0  # in units of the noise: what is off by more belongs half to what is behind
 _FIT_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Circles:
-    """centres (k, 2) m, covariances (k, 2, 2) m², misfits (k,): sum of (residual / noise)²."""
+    """centres (k, 2) m, covariances (k, 2, 2) m², misfits (k,): sum of (residual / noise)².
+
+    The noise of the misfits is the X4's, that of the covariances the configured one."""
 
     centres: FloatArray
     covariances: FloatArray
@@ -31,7 +37,8 @@ class Circles:
 
 def noise_m(distances: FloatArray, at_1m: float) -> FloatArray:
     """Standard deviation (k,) m of one range at distances (k,) m."""
-    return at_1m * np.maximum(distances, _NEAREST_NOISE_M)
+    growth = 1.0 + (distances / _FAR_NOISE_M) ** 2
+    return at_1m * np.maximum(distances, _NEAREST_NOISE_M) * growth
 
 
 def members(segments: Segments) -> tuple[IntArray, IntArray]:
@@ -42,9 +49,7 @@ def members(segments: Segments) -> tuple[IntArray, IntArray]:
     return np.arange(len(group)) + skipped[group], group
 
 
-def bearing_offsets(
-    segments: Segments, spacing: float, diameter: float
-) -> tuple[FloatArray, FloatArray]:
+def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, FloatArray]:
     """Bearing of each centre from that of the segment's middle, and its std, (k,) rad.
 
     Positive is towards the last return. In plain view the centre is in the middle: all returns lie
@@ -53,16 +58,19 @@ def bearing_offsets(
     """
     width = np.maximum(segments.widths - 2.0 * _RIM_RAD, spacing)
     spare = np.maximum(width - segments.extents, 0.0)
-    left_over = segments.extents + 2.0 * spacing - width
-    interval = np.where(left_over > 0.0, np.minimum(spare, left_over), spare)
-    interval = np.sqrt((1.0 - _LOST_ENDS) * interval**2 + _LOST_ENDS * spare**2)
-    hidden = segments.hidden(diameter)
+    over = np.maximum(segments.extents - width, 0.0)
+    beyond = segments.extents + 2.0 * spacing - width
+    interval = np.where(beyond > 0.0, np.minimum(spare, beyond), spare)
+    hidden = segments.hidden
     one_hidden = hidden[0] != hidden[1]
-    # Half a width from the free end, which lies half a sample beyond its last return.
+    # Half a width from the free end, which lies half a spacing beyond its last return.
     offset = np.maximum(0.5 * (spare - spacing), 0.0) * (1.0 * hidden[1] - hidden[0])
     interval = np.where(hidden[0] & hidden[1], spare, interval)
-    interval = np.where(one_hidden & (spare > spacing), spacing, interval)
-    std = np.maximum(interval, _LEAST_SPACINGS * spacing) / np.sqrt(12.0)
+    from_free_end = np.maximum(np.minimum(spare, _FREE_END * spacing), interval)
+    interval = np.where(one_hidden, from_free_end, interval)
+    interval = np.sqrt((1.0 - _LOST_ENDS) * interval**2 + _LOST_ENDS * spare**2) + over
+    interval = np.maximum(interval, _LEAST_SPACINGS * spacing)
+    std = np.hypot(interval / np.sqrt(12.0), _WANDER_RAD)
     return offset, std
 
 
@@ -71,7 +79,7 @@ def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
     count, radius = len(segments.first), 0.5 * lidar.target_diameter_m
     member, group = members(segments)
     points = seen.points[member]
-    offset, std = bearing_offsets(segments, seen.spacing, lidar.target_diameter_m)
+    offset, std = bearing_offsets(segments, seen.spacing)
     ray, distance = segments.rays, segments.distances
     across = np.stack((-ray[:, 1], ray[:, 0]), axis=1)
     forward = np.sum(across * (seen.points[segments.last] - segments.middles), axis=1)
@@ -80,6 +88,7 @@ def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
     outer = side[:, None, None] * across[:, :, None] * across[:, None, :]
     precision = 1.0 / noise_m(distance, lidar.range_noise_m) ** 2
     centre = middle + 0.8 * radius * ray
+    information = outer
     for _ in range(_FIT_STEPS):
         away = points - centre[group]
         length = np.maximum(np.hypot(*away.T), 1e-9)
@@ -90,13 +99,16 @@ def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
             np.bincount(group, weight * value, count)
             for value in (x * x, x * y, y * y, x * residual, y * residual)
         )
-        information = np.stack((xx, xy, xy, yy), axis=1).reshape(-1, 2, 2)
-        information = precision[:, None, None] * information + outer
+        scatter = np.stack((xx, xy, xy, yy), axis=1).reshape(-1, 2, 2)
+        information = precision[:, None, None] * scatter + outer
         slack = side * np.sum(across * (middle - centre), axis=1)
         right = precision[:, None] * np.stack((right_x, right_y), axis=1)
         right += slack[:, None] * across
         centre = centre + np.linalg.solve(information, right[:, :, None])[:, :, 0]
     residual = np.hypot(*(points - centre[group]).T) - radius
-    off = np.sum(across * (middle - centre), axis=1)
-    misfit = precision * np.bincount(group, residual**2, count) + side * off**2
-    return Circles(centre, np.asarray(np.linalg.inv(information), dtype=np.float64), misfit)
+    squares = np.bincount(group, residual**2, count)
+    off = side * np.sum(across * (middle - centre), axis=1) ** 2
+    # What fits badly is no clean circle: so much less is known of its centre.
+    scale = np.maximum((precision * squares + off) / (segments.sizes + 2.0), 1.0)
+    covariances = scale[:, None, None] * np.linalg.inv(information)
+    return Circles(centre, covariances, squares / noise_m(distance, X4_NOISE_M) ** 2 + off)

@@ -8,40 +8,40 @@ tells them apart; tools/fit_turret_score.py fits it to recorded rooms with turre
 import numpy as np
 
 from host.messages import BoolArray, FloatArray, IntArray
-from host.perception.turret_fit import Circles, members, noise_m
+from host.perception.turret_fit import X4_NOISE_M, Circles, members, noise_m
 from host.perception.turret_segments import STEP, Returns, Segments
 
-# Of the features' columns, in their order; then the constant.
-FEATURES = (
-    "shape",
-    "shape a return",
-    "misfit",
-    "on a line",
-    "long nulls",
-    "nulls",
-    "adjoining",
-    "missing width",
-    "expected returns",
-    "hidden on both sides",
-)
-WEIGHTS = np.array([0.0] * 10)
-CONSTANT = 0.0
+# Weights of the features, in the order of their columns, and the constant.
+FEATURES = {
+    "shape": 0.689,
+    "shape a return": -1.326,
+    "misfit": -2.478,
+    "on a line": -2.158,
+    "long nulls": 4.870,
+    "nulls": -1.535,
+    "adjoining": -2.983,
+    "missing width": -6.471,
+    "expected returns": 2.600,
+    "hidden on both sides": -3.943,
+}
+CONSTANT = 1.026
 # The least score of a candidate, by its number of returns: more of them show more of the shape.
 # Between them most turrets are found; what lies below is more often furniture than half a turret.
 HITS = np.array([2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0])
-LEAST_SCORES = np.array([-99.0] * 7)
+LEAST_SCORES = np.array([-2.51, -1.92, -0.44, -2.91, 1.05, 2.0, 2.0])
 
-NOISE_M = 0.0016  # std of one range at 1 m, of recorded X4s over still targets
+_WEIGHTS = np.array(list(FEATURES.values()))
 _CLOSE = 3.0  # turret widths: what is so near beside a segment may go on in it
 _LINE_M = 0.02  # a piece of wall lies this close to the line between its neighbours ...
 _LINE_REACH_M = 0.6  # ... which are then this near
+_NOWHERE_M = 10.0 * _LINE_REACH_M  # further than any neighbour that counts
 _RUN = 6  # returns on one side that make a line
 
 
 def scores(seen: Returns, segments: Segments, circles: Circles, diameter: float) -> FloatArray:
     """Log likelihood ratio (k,) of a turret against background for each segment."""
     table = features(seen, segments, circles, diameter)
-    return np.asarray(table @ WEIGHTS + CONSTANT, dtype=np.float64)
+    return np.asarray(table @ _WEIGHTS + CONSTANT, dtype=np.float64)
 
 
 def convincing(score: FloatArray, hits: IntArray) -> BoolArray:
@@ -67,7 +67,7 @@ def features(seen: Returns, segments: Segments, circles: Circles, diameter: floa
             np.sum(_adjoining(seen, segments, diameter), axis=0),
             np.maximum(expected - sizes - 1.0, 0.0) / expected,
             np.log(expected),
-            np.all(segments.hidden(diameter), axis=0),
+            np.all(segments.hidden, axis=0),
         ),
         axis=1,
     )
@@ -78,32 +78,46 @@ def line_misfits(seen: Returns, segments: Segments) -> FloatArray:
     member, group = members(segments)
     sizes, count = segments.sizes, len(segments.first)
     x, y = (seen.points[member] - segments.middles[group]).T
-    sx, sy, xx, xy, yy = (
-        np.bincount(group, value, count) for value in (x, y, x * x, x * y, y * y)
-    )
-    xx, xy, yy = xx - sx * sx / sizes, xy - sx * sy / sizes, yy - sy * sy / sizes
+
+    def mean(value: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(group, value, count) / sizes)
+
+    xx, xy, yy = (mean(a * b) - mean(a) * mean(b) for a, b in ((x, x), (x, y), (y, y)))
     # The smaller eigenvalue of the scatter.
     least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    return np.maximum(least, 0.0) / noise_m(segments.distances, NOISE_M) ** 2
+    noise = noise_m(segments.distances, X4_NOISE_M)
+    return np.asarray(sizes * np.maximum(least, 0.0) / noise**2, dtype=np.float64)
 
 
 def _adjoining(seen: Returns, segments: Segments, diameter: float) -> BoolArray:
     """Whether the surface may go on beside (2, k), as that of a sparsely hit wall does."""
-    count = len(seen.points)
-    ends = np.stack((segments.first, segments.last))
-    beside = np.stack((segments.first - 1, segments.last + 1)) % count
-    gap = np.hypot(*np.moveaxis(seen.points[beside] - seen.points[ends], 2, 0))
+    before, after = (_beside(seen, segments, k) for k in (-1, 1))
+    gap = (
+        np.hypot(*(before - seen.points[segments.first]).T),
+        np.hypot(*(after - seen.points[segments.last]).T),
+    )
     level = np.abs(segments.steps) <= 2.5 * STEP * diameter
-    return np.asarray(level & (gap < _CLOSE * diameter))
+    return np.asarray(level & (np.stack(gap) < _CLOSE * diameter))
+
+
+def _beside(seen: Returns, segments: Segments, away: int) -> FloatArray:
+    """The return (k, 2) m `away` places after each segment, or before it where negative.
+
+    Where little else returned one comes around to the segment itself: then a point far away.
+    """
+    count = len(seen.points)
+    start = segments.last if away > 0 else segments.first
+    index = (start + away) % count
+    itself = abs(away) + segments.sizes > count
+    return np.where(itself[:, None], segments.middles + _NOWHERE_M, seen.points[index])
 
 
 def _on_wall(seen: Returns, segments: Segments) -> BoolArray:
     """Whether segments (k,) lie on a line with what is around them: the wall goes on there."""
-    count, first, last = len(seen.points), segments.first, segments.last
     middle = segments.middles
-    left = [seen.points[(first - k) % count] for k in (1, _RUN // 2, _RUN)]
-    right = [seen.points[(last + k) % count] for k in (1, _RUN // 2, _RUN)]
-    found = np.zeros(len(first), dtype=bool)
+    left = [_beside(seen, segments, -k) for k in (1, _RUN // 2, _RUN)]
+    right = [_beside(seen, segments, k) for k in (1, _RUN // 2, _RUN)]
+    found = np.zeros(len(middle), dtype=bool)
     # Three returns of the wall make a line: all on one side, or two on one and one on the other.
     for a, b, c in (left, right, (left[0], left[1], right[0]), (right[0], right[1], left[0])):
         straight = _off_line(b, a, c) < 0.5 * _LINE_M

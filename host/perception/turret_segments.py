@@ -16,6 +16,7 @@ from host.messages import BoolArray, FloatArray, IntArray, Scan
 STEP = 0.6  # turret widths between the ranges of neighbours: another surface begins ...
 _GAP = 0.92  # ... and so it does where the points are further apart
 _WIDTH_MARGIN_M = 0.02
+_CLOSE_SAMPLES = 3  # what is nearer within so many samples may hide an end
 _LEAST_SHARE = 0.3  # of the returns that a turret in plain view would give
 _CENTRE_DEPTH = 0.8  # radii from the visible arc to the axis
 
@@ -48,7 +49,8 @@ class Segments:
     middles (k, 2) m between their ends; rays (k, 2): unit vectors from the lidar to there, and
     distances (k,) m. widths (k,) rad: of a turret there; extents (k,) rad: from first to last.
     steps (2, k) m: how much further the returns on both sides are; nulls (2, k): how many samples
-    without a return lie between.
+    without a return lie between. hidden (2, k): whether something close beside is nearer, so that
+    it may hide an end.
     """
 
     first: IntArray
@@ -60,15 +62,12 @@ class Segments:
     extents: FloatArray
     steps: FloatArray
     nulls: IntArray
+    hidden: BoolArray
 
     @property
     def sizes(self) -> IntArray:
         """Returns in each."""
         return self.last - self.first + 1
-
-    def hidden(self, diameter: float) -> BoolArray:
-        """Whether something close beside (2, k) is nearer, so that it may hide an end."""
-        return (self.steps < -STEP * diameter) & (self.nulls <= 2)
 
 
 def place(scan: Scan, lidar: Lidar, path: Path) -> tuple[FloatArray, BoolArray]:
@@ -89,11 +88,11 @@ def returns(scan: Scan, points: FloatArray, returned: BoolArray, diameter: float
     sample = np.flatnonzero(returned)
     points, ranges = points[sample], scan.ranges[sample]
     before = np.roll(points, 1, axis=0) - points
-    starts = np.abs(ranges - np.roll(ranges, 1)) > STEP * diameter
-    starts |= np.sum(before * before, axis=1) > (_GAP * diameter) ** 2
-    # Where one surface is all around, nothing is a turret: one segment that begins anywhere.
-    begin = int(np.argmax(starts)) if len(starts) else 0
-    order = (np.arange(len(sample)) + begin) % max(len(sample), 1)
+    gaps = np.hypot(*before.T)
+    starts = (np.abs(ranges - np.roll(ranges, 1)) > STEP * diameter) | (gaps > _GAP * diameter)
+    # Where all is one surface it begins behind its widest gap.
+    begin = int(np.argmax(starts if starts.any() else gaps))
+    order = (np.arange(len(sample)) + begin) % len(sample)
     starts = starts[order]
     starts[:1] = True
     return Returns(
@@ -123,7 +122,7 @@ def small_segments(seen: Returns, lidar: Lidar) -> Segments:
 
 
 def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> Segments:
-    points, ranges, count = seen.points, seen.ranges, len(seen.ranges)
+    points = seen.points
     # The lidar moves by less than a sample's width while it passes a turret: one origin does.
     origin = np.array([lidar.x_m, lidar.y_m])
     begin, end = points[first] - origin, points[last] - origin
@@ -131,7 +130,12 @@ def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> S
     distance = np.maximum(np.hypot(*middle.T), 1e-6)
     turned = np.abs(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
     radius = 0.5 * lidar.target_diameter_m
-    before, after = (first - 1) % max(count, 1), (last + 1) % max(count, 1)
+    steps, apart = _beside(seen, first, last, 1)
+    further_steps, further_apart = _beside(seen, first, last, 2)
+    near = -STEP * lidar.target_diameter_m
+    # Between two surfaces there may be one point of neither.
+    hidden = (steps < near) & (apart <= _CLOSE_SAMPLES)
+    hidden |= (further_steps < near) & (further_apart <= _CLOSE_SAMPLES)
     return Segments(
         first,
         last,
@@ -140,8 +144,17 @@ def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> S
         distance,
         2.0 * np.arcsin(np.minimum(radius / (distance + _CENTRE_DEPTH * radius), 0.99)),
         np.arctan2(turned, np.sum(begin * end, axis=1)),
-        np.stack((ranges[before] - ranges[first], ranges[after] - ranges[last])),
-        np.stack((seen.sample[first] - seen.sample[before], seen.sample[after] - seen.sample[last]))
-        % seen.samples
-        - 1,
+        steps,
+        apart - 1,
+        hidden,
     )
+
+
+def _beside(
+    seen: Returns, first: IntArray, last: IntArray, away: int
+) -> tuple[FloatArray, IntArray]:
+    """Of the returns `away` places beside: how much further (2, k) m, how many samples (2, k)."""
+    ends = np.stack((first, last))
+    beside = np.stack((first - away, last + away)) % len(seen.ranges)
+    apart = (seen.sample[beside] - seen.sample[ends]) * np.array([[-1], [1]]) % seen.samples
+    return seen.ranges[beside] - seen.ranges[ends], apart

@@ -17,6 +17,8 @@ from host.perception.turret_fit import fit_circles
 from host.perception.turret_score import convincing, scores
 from host.perception.turret_segments import place, returns, small_segments
 
+_FEWEST = 3  # returns: fewer show nothing
+
 
 def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     """Candidate teammates in the robot frame at the end of the revolution.
@@ -26,12 +28,12 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     """
     points, returned = place(scan, lidar, path)
     clearance = clearance_profile(points, returned)
+    if np.count_nonzero(returned) < _FEWEST:
+        none = np.zeros(0)
+        shapes = np.zeros((0, 2)), np.zeros((0, 2, 2))
+        return Positions(scan.time, *shapes, none, clearance, scores=none)
     seen = returns(scan, points, returned, lidar.target_diameter_m)
     segments = small_segments(seen, lidar)
-    if not len(segments.first):
-        none = np.zeros((0, 2))
-        empty = np.zeros(0)
-        return Positions(scan.time, none, np.zeros((0, 2, 2)), empty, clearance, scores=empty)
     circles = fit_circles(seen, segments, lidar)
     score = scores(seen, segments, circles, lidar.target_diameter_m)
     kept = np.flatnonzero(convincing(score, segments.sizes))

@@ -195,7 +195,7 @@ def test_a_turret_close_to_a_wall_or_to_another_is_found() -> None:
 
 
 def test_one_half_hidden_is_less_sure() -> None:
-    behind, before = np.array([1.5, 0.0]), np.array([0.8, 0.02 + RADIUS])
+    behind, before = np.array([1.5, 0.0]), np.array([0.8, RADIUS])  # its edge hides one half
     found = find(take_turn(Scene([turret(behind), turret(before)], ROOM)))
     plain = find(take_turn(Scene([turret(behind)], ROOM)))
     k = int(np.argmax(found.positions[:, 0]))
