@@ -18,7 +18,7 @@ _FAR_NOISE_M = 5.0  # ... and here it is twice as much as in proportion (recorde
 _RIM_RAD = 0.00125  # of each end of the arc gives no return, on average
 _LEAST_SPACINGS = 0.4  # no end is known better than to this share of the samples' spacing
 _FREE_END = 1.2  # spacings: how surely the end tells that nothing nearer hides
-_WANDER_RAD = 0.0015  # of all bearings of a revolution together (recorded X4s: up to 0.003)
+_WANDER_RAD = 0.001  # of all bearings of a revolution together (recorded X4s: up to 0.003)
 _LOST_ENDS = 0.05  # share of the arcs whose ends do not return for another reason
 _ODD_RESIDUAL = 3.0  # in units of the noise: what is off by more belongs half to what is behind
 _FIT_STEPS = 4
@@ -109,6 +109,6 @@ def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
     squares = np.bincount(group, residual**2, count)
     off = side * np.sum(across * (middle - centre), axis=1) ** 2
     # What fits badly is no clean circle: so much less is known of its centre.
-    scale = np.maximum((precision * squares + off) / (segments.sizes + 2.0), 1.0)
+    scale = np.maximum((precision * squares + off) / segments.sizes, 1.0)
     covariances = scale[:, None, None] * np.linalg.inv(information)
     return Circles(centre, covariances, squares / noise_m(distance, X4_NOISE_M) ** 2 + off)

@@ -28,7 +28,7 @@ STRAIGHT_AHEAD_RAD = np.radians(5.0)
     [
         ("lidar_data_1m", 1.0, 0.1),
         ("lidar_data_3m", 0.95, 0.1),
-        ("lidar_data_4.5m", 0.95, 0.1),
+        ("lidar_data_4.5m", 0.94, 0.1),
         ("lidar_data_noisy_2m_1", 0.95, 2.0),
     ],
 )
