@@ -61,7 +61,7 @@ def test_the_pillars_are_found_to_a_degree(fit: Calibration) -> None:
 
 
 def test_clutter_is_what_is_neither_teammate_nor_post(fit: Calibration, count: Count) -> None:
-    assert count.false >= 30
+    assert count.false >= 20  # enough to compare shares
     found = row(fit, "lidar clutter")
     assert found.value == pytest.approx(count.false / count.area_m2, rel=0.1)
     assert 0.0 < found.sigma < found.value

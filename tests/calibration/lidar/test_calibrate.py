@@ -122,7 +122,8 @@ def test_mounting_and_delay_are_found_though_sightings_are_wrong(wrong: float) -
     found = calibrate(bench.gather())
     assert np.all(misses(found, bench.mounting) < 1.0)
     assert found.failures == []
-    assert found.figures["used"] / found.figures["candidates"] == pytest.approx(1 - wrong, abs=0.1)
+    # Of the wrong ones some do not look like a turret: the search for candidates refuses them.
+    assert found.figures["used"] / found.figures["candidates"] > 0.9 - wrong
 
 
 @pytest.mark.parametrize("turned_deg", [-90.0, 180.0])
