@@ -55,7 +55,7 @@ def seconds_until_off(driving: Driving, commanded: bool) -> float:
 
 
 @pytest.mark.parametrize("pins", [ALL[:1], ALL[1:2], ALL[2:3], ALL[3:], ALL], ids=str)
-@pytest.mark.parametrize("rate_hz", [40e3, 90e3, 140e3, 170e3, 250e3, 500e3])
+@pytest.mark.parametrize("rate_hz", [40e3, 140e3, 500e3])
 @pytest.mark.parametrize("edges", [2, 4])
 def test_a_storm_ends_with_the_motors_off(
     elf: Callable[[int], Path], edges: int, rate_hz: float, pins: Sequence[tuple[int, int]]

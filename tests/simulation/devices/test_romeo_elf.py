@@ -10,7 +10,7 @@ from host.drivers.romeo.protocol import DisplacementFrame, HelloFrame, IdentityF
 from host.errors import UserError
 from host.flashing.elf import flash_image
 from host.simulation.devices import romeo_library
-from host.simulation.devices.romeo_elf import LEFT, RIGHT, RomeoElf
+from host.simulation.devices.romeo_elf import CHANNEL_A, CHANNEL_B, LEFT, RIGHT, RomeoElf
 
 # Registers of the ATmega32U4, datasheet section 31
 PINB, DDRC, PORTC, PIND, DDRD, PORTD, PORTE = 0x23, 0x27, 0x28, 0x29, 0x2A, 0x2B, 0x2E
@@ -155,6 +155,45 @@ def test_a_new_turn_replaces_what_is_left_of_the_last(elf: Path) -> None:
     board.turn(LEFT, -10, 0.1)
     board.run(0.2)
     assert board.steps == (40, 0)
+
+
+@pytest.mark.parametrize("edges", [2, 4])
+def test_noise_inverts_a_level_for_its_width_and_leaves_the_steps_alone(
+    elf: Path, edges: int
+) -> None:
+    board = RomeoElf(elf, edges)
+    board.run(0.05)
+    board.turn(RIGHT, 1, 0.051)
+    board.run(0.052)
+    for channel in (CHANNEL_A, CHANNEL_B):
+        still = list(FORWARD[1])
+        inverted = [level ^ (which == channel) for which, level in enumerate(still)]
+        start = board.now
+        board.disturb(RIGHT, channel, 0.001, 0.003, 2)
+        for after, expected in (
+            (0.0005, inverted),
+            (0.0015, still),
+            (0.0035, inverted),
+            (0.0045, still),
+            (0.009, still),
+        ):
+            board.run(start + after)
+            assert list(levels(board, edges, RIGHT)) == expected
+            assert levels(board, edges, LEFT) == FORWARD[0]
+        board.disturb(RIGHT, channel, 0.1)
+        board.run(board.now + 0.001)
+        board.disturb(RIGHT, channel, 0.1, count=0)
+        board.run(board.now + 0.001)
+        assert list(levels(board, edges, RIGHT)) == still
+    assert board.steps == (0, 1)
+
+
+def test_a_request_must_be_one(elf: Path) -> None:
+    board = RomeoElf(elf)
+    with pytest.raises(ValueError, match="8 bytes"):
+        board.request(b"\x80\x06")
+    with pytest.raises(UserError, match="more than 8"):
+        board.request(bytes.fromhex("2120000000004000"))
 
 
 def test_a_reset_changes_no_level_of_the_encoders(elf: Path) -> None:
