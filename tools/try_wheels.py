@@ -55,7 +55,10 @@ class Watch:
                 for name, ticks in (("left", self._left), ("right", self._right))
             )
             heading = math.degrees(self._heading)
-            return self._health or f"{wheels}   heading {heading:+7.1f} deg"
+            if not self.started.is_set():
+                return self._health
+            # Also of a board with a fault: its ticks may show what it is.
+            return f"{wheels}   heading {heading:+7.1f} deg   {self._health}".rstrip()
 
 
 def motion(drive: str, robot: RobotConfig) -> tuple[float, float]:
