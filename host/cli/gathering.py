@@ -67,7 +67,7 @@ def live(
             )
         if sys.stderr.isatty():
             click.echo(err=True)
-    # What was driven is fitted nevertheless: the verdict shows whether it is enough.
+    # What was driven is fitted in any case: the verdict shows whether it is enough.
     for name, error in outcome.failures.items():
         why = one_line(str(error)) or type(error).__name__
         click.echo(f"{name} ended before its time: {why}", err=True)

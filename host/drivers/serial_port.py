@@ -63,7 +63,7 @@ def find_port(device_name: str, vid_pids: Iterable[tuple[int, int]], configured:
             f"plug it in, or set port in [{device_name}] of robot.toml",
         )
     raise UserError(
-        f"the {device_name} cannot be told from {len(found)} ports with its USB id",
+        f"the {device_name} is one of {len(found)} ports with its USB id",
         ", ".join(found),
         f"set port in [{device_name}] of robot.toml to one of them",
     )

@@ -89,7 +89,7 @@ class Clairvoyant:
         x, y = self._positions[track] - np.array(measured.origin)
         squared = float(x * x + y * y)
         if squared < 1e-6:
-            return  # a teammate at the rays' origin: its direction tells nothing
+            return  # a teammate at the rays' origin: its direction says nothing
         jacobian = np.array([-y, x]) / squared
         prior = self._covariances[track]
         variance += self._process_noise * measured.lag / squared

@@ -17,7 +17,7 @@ _NEAREST_NOISE_M = 0.3  # nearer than this the range noise stays what it is ...
 _FAR_NOISE_M = 5.0  # ... and here it is twice as much as in proportion (recorded X4s)
 _RIM_RAD = 0.00125  # of each end of the arc gives no return, on average
 _LEAST_SPACINGS = 0.4  # no end is known better than to this share of the samples' spacing
-_FREE_END = 1.2  # spacings: how surely the end tells that nothing nearer hides
+_FREE_END = 1.2  # spacings: how certain the end is where nothing nearer hides
 _WANDER_RAD = 0.001  # of all bearings of a revolution together (recorded X4s: up to 0.003)
 _LOST_ENDS = 0.05  # share of the arcs whose ends do not return for another reason
 _ODD_RESIDUAL = 3.0  # in units of the noise: what is off by more belongs half to what is behind
@@ -54,7 +54,7 @@ def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, Flo
 
     Positive is towards the last return. In plain view the centre is in the middle: all returns lie
     within the width of a turret and the samples beside them do not, and both leave an interval of
-    places. Where something nearer may hide one end, the other end tells.
+    places. Where something nearer may hide one end, the other end decides.
     """
     width = np.maximum(segments.widths - 2.0 * _RIM_RAD, spacing)
     spare = np.maximum(width - segments.extents, 0.0)

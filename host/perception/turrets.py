@@ -52,8 +52,8 @@ def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:
     """How far one sees in each of SECTORS equal sectors from bearing -pi on: (SECTORS,) m.
 
     points (n, 2) m: of every sample; returned (n,): whether something came back. The nearest
-    return in the sector and its two neighbours; inf where only nulls came, 0 where the turn has
-    no sample at all.
+    return in the sector and its two neighbours; inf where only nulls came, 0 where the revolution
+    has no sample at all.
     """
     x, y = np.ascontiguousarray(points.T)
     bearing, distance = np.arctan2(y, x), np.hypot(x, y)

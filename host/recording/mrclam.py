@@ -46,7 +46,7 @@ VICON_GAP_S = 0.2  # neighbouring samples further apart than this are a gap
 class RobotLog:
     """One robot's files, times in seconds since the dataset's start.
 
-    odometry (n, 3): time, forward velocity m/s, turn rate rad/s; it holds until the next row.
+    odometry (n, 3): time, forward velocity m/s, rotation rate rad/s; it holds until the next row.
     readings (n, 3): time, range m, bearing rad. subjects (n,): who was read, 0 an unknown barcode.
     vicon (n, 4): time, x m, y m, heading rad (not wrapped) in the hall's frame.
     """

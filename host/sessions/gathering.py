@@ -118,7 +118,7 @@ def gather_from_devices(
     """Gather into `drive` until `stopped()` or for `seconds`, and record it all.
 
     watch: called once a second. What failed is in the outcome; what was driven is kept
-    nevertheless.
+    all the same.
     """
     sinks = {"calibration": drive.gathered.take, "screen": drive.note}
     return run_devices(

@@ -1,7 +1,7 @@
 """The simulated robot in real time: its lidar and board on pseudo-terminals.
 
 The real drivers open the terminals as they would open serial ports. Its cameras are two streams of
-pictures in named pipes or, where the scenario renders none, a thread that tells their bearings.
+pictures in named pipes or, where the scenario renders none, a thread that reports their bearings.
 Motion capture, where the scenario has it, is a NatNet server on this computer.
 """
 
@@ -138,8 +138,8 @@ class LiveSimulation:
         self.camera = LiveCamera(self)
         self._pictures: LiveCameras | None = None
         if scenario.rendered:
-            told, true = self.config.camera, self._simulation.built.camera
-            self._pictures = LiveCameras(folder, scenario, told, true, self._surroundings, clock)
+            known, true = self.config.camera, self._simulation.built.camera
+            self._pictures = LiveCameras(folder, scenario, known, true, self._surroundings, clock)
             self.config = self.config.model_copy(update={"camera": self._pictures.camera})
         self._running = contextlib.ExitStack()
         self._mocap: NatNetServer | None = None

@@ -160,8 +160,8 @@ class Simulation:
 
     @functools.cached_property
     def _searched(self) -> tuple[SearchedCamera, SearchedCamera]:
-        told, true, seed = self.config.camera, self.built.camera, self.scenario.seed
-        return SearchedCamera("front", told, true, seed), SearchedCamera("rear", told, true, seed)
+        known, true, seed = self.config.camera, self.built.camera, self.scenario.seed
+        return SearchedCamera("front", known, true, seed), SearchedCamera("rear", known, true, seed)
 
     def _truths_until(self, now: float) -> Iterator[Arrival]:
         while (time := self._truths / TRUTH_HZ) <= now:

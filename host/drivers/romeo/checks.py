@@ -9,7 +9,7 @@ from host.messages import Displacement
 
 # Of counts_per_turn against edges and periods: tyres and gears vary by less, wirings by twice.
 FITTING = (0.8, 1.25)
-NOISE_S, NOISY_EDGES = 10.0, 10  # so many illegal transitions in so long are told
+NOISE_S, NOISY_EDGES = 10.0, 10  # so many illegal transitions in so many seconds are reported
 # The board rounds to 1 um or urad at both ends of an interval, its settings to 1 nm.
 ROUNDING, RELATIVE = 3e-6, 1e-6
 SHOWN_S = 10.0

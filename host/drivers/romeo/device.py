@@ -57,8 +57,8 @@ class Romeo:
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Displacement, and Health a second and a change of state, until `stop` is set.
 
-        Failures of the device are told as Health and tried again; it raises only what is the
-        program's own fault.
+        Failures of the device are reported as Health, and it is tried again; it raises only what
+        is the program's own fault.
         """
         keep_connected(partial(self._serve, emit, stop), partial(self._report_failure, emit), stop)
 

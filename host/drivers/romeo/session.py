@@ -152,7 +152,7 @@ class BoardSession:
         if not self.greeted:
             return self._ask(HelloFrame(), now)
         if self._settings is None:
-            # Not before its first report, which tells whether it had lost the stored ones.
+            # Not before its first report, which shows whether it had lost the stored ones.
             return self._ask(self._wanted_settings, now) if self._last else b""
         if self._runaway.active and (wanted is None or self._runaway.retry(now)):
             return self._end_runaway(now)

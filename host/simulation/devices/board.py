@@ -43,7 +43,7 @@ def best_board(motors: Motors) -> BoardKind:
 
 
 def wired(ticks: Ticks, motors: Motors) -> Ticks:
-    """The ticks that a board counts as long as it is not told what is wired the other way round."""
+    """Raw ticks, before the reversal settings."""
     left_sign = -1 if motors.left_encoder_reversed else 1
     right_sign = -1 if motors.right_encoder_reversed else 1
 

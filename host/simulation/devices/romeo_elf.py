@@ -27,7 +27,7 @@ _USB_TICK_S = 1e-4
 
 
 class RomeoElf:
-    """A board with the sketch of an ELF file, switched on at virtual time 0 and run as told.
+    """A board with the sketch of an ELF file, switched on at virtual time 0 and run on demand.
 
     All times are virtual, s. The same calls give the same bytes at the same times. The USB cable
     is plugged in: 0.11 s after the sketch attaches, the host has configured it. After a reset the
@@ -155,7 +155,7 @@ class RomeoElf:
 
     @property
     def device_descriptor(self) -> bytes:
-        """What the board told of itself (USB 2.0, table 9-8); empty until the host has read it."""
+        """Its own description (USB 2.0, table 9-8); empty until the host has read it."""
         return self._descriptor(1)
 
     @property
@@ -173,7 +173,7 @@ class RomeoElf:
     def turn(self, wheel: int, steps: int, until: float) -> None:
         """Turn LEFT or RIGHT by quadrature steps, forward positive, evenly from now to `until`.
 
-        The last step comes at `until`. What is left of a turn before is not made.
+        The last step comes at `until`. What is left of an earlier rotation is dropped.
         """
         self._library.romeo_turn(self._board, wheel, steps, _cycle(until))
 

@@ -1,4 +1,4 @@
-"""A Romeo board that is not there: speaks the frames of protocol.toml, in any time it is told."""
+"""A Romeo board that is not there: it speaks the frames of protocol.toml, in virtual time."""
 
 import math
 from collections import deque
