@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Protocol, Self
 
+from host.cross_checks.checks import CrossChecks
 from host.errors import UserError
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
@@ -86,6 +87,7 @@ class Pipeline:
     sources, sinks: by the name that Health calls them. truth: where the teammates are at a time
     (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
     is set where the localizer fails. failures: by name, what ended a part before its time.
+    checks: compare the sensors with each other; None: nobody does.
     """
 
     def __init__(
@@ -95,6 +97,7 @@ class Pipeline:
         sinks: Mapping[str, Sink],
         truth: Callable[[float], Truth] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        checks: CrossChecks | None = None,
     ) -> None:
         self.stop = threading.Event()
         self.failures: dict[str, Exception] = {}
@@ -102,6 +105,7 @@ class Pipeline:
         self._sinks = dict(sinks)
         self._truth = truth
         self._clock = clock
+        self._checks = checks
         self._queue = MessageQueue()
         self._sources = [
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
@@ -166,6 +170,9 @@ class Pipeline:
     def _handle(self, message: Message) -> None:
         self._counts["messages"] += 1
         self._deliver(message)
+        health = self._checks.take(message) if self._checks is not None else None
+        if health is not None:
+            self._deliver(health)
         if not isinstance(message, Scan | Positions | Bearings | Displacement):
             return
         start = time.perf_counter()

@@ -15,6 +15,7 @@ FLOORS = {
     "pipeline": 5,
     "simulation": 4,
     "localizer": 3,
+    "cross_checks": 3,
     "calibration": 3,
     "evaluation": 3,
     "flashing": 3,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from host.cross_checks.checks import CrossChecks
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
@@ -63,7 +64,13 @@ def run_devices(
             header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
             all_sinks["recording"] = stack.enter_context(Recorder(record, header)).write
         begin, begin_cpu = time.monotonic(), time.process_time()
-        with Pipeline(localizer, rig.sources, {**all_sinks, **sinks}, rig.truth) as pipeline:
+        with Pipeline(
+            localizer,
+            rig.sources,
+            {**all_sinks, **sinks},
+            rig.truth,
+            checks=CrossChecks(rig.config),
+        ) as pipeline:
             _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
         watch()
