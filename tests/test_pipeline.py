@@ -7,6 +7,7 @@ import pytest
 
 from host import pipeline as pipeline_module
 from host.config import RobotConfig
+from host.cross_checks.checks import CrossChecks
 from host.errors import UserError
 from host.estimator.last_reading import LastReading
 from host.localizer import Localizer
@@ -258,3 +259,19 @@ def test_after_a_standstill_the_localizer_tells_once_what_it_did_a_second():
     (told,) = inbox.of(Health)
     assert told.reason.startswith("0 updates/s")
     assert told.counts["estimates"] == 10
+
+
+def test_what_the_cross_checks_report_reaches_the_sinks():
+    class Contradicts(CrossChecks):
+        def take(self, message):
+            return Health(message.time, "cross-check", False, "contradiction", {})
+
+    inbox = Inbox()
+    with Pipeline(
+        a_localizer(),
+        {"lidar": Emits(a_reading(1.0))},
+        {"inbox": inbox},
+        checks=Contradicts(RobotConfig()),
+    ):
+        inbox.wait_for(lambda m: isinstance(m, Health) and m.reason == "contradiction")
+    assert len([m for m in inbox.of(Health) if m.device == "cross-check"]) == 1

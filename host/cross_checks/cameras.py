@@ -29,7 +29,7 @@ _FEWEST_EVENTS = 30  # in a sector
 _BLIND_SHARE = 0.1  # of its events have a counterpart, at most ...
 _SEEN_ELSEWHERE = 0.5  # ... and of bearings elsewhere at least,
 _SEEN_ELSEWHERE_LIDAR = 0.35  # of the lidar's candidates, of which some are posts
-_OFFSET_BINS = 72
+_OFFSET_BINS = 72  # of 5 deg
 _OFFSET_SPREAD = 2  # bins to either side that belong to a peak
 _LEAST_OFFSET_RAD = math.radians(20.0)
 _OFFSET_SIGMAS, _OFFSET_EXCESS = 5.0, 40.0  # by which a peak has to surpass an offset of 0
@@ -144,20 +144,21 @@ class LidarAgainstCameras:
                 sum(len(entry.bearings) for entry in entries),
             )
             if offset is not None:
-                found[camera] = round(math.degrees(offset))
+                found[camera] = math.degrees(offset)
         if not found:
             return None
         degrees = max(found.values(), key=abs)
         names = " and ".join(camera for camera in found if camera) or "front and rear"
-        what = f"strips in the {names} picture are {degrees:+d} deg beside what the lidar finds"
+        side = "left" if degrees > 0.0 else "right"
         if abs(degrees) > 150:
             return UserError(
-                what,
+                f"strips in the {names} picture are opposite to the turrets that the lidar finds",
                 "front and rear camera are exchanged, or the lidar is mounted backwards",
                 "exchange the two sources in [camera.front] and [camera.rear] of robot.toml",
             )
         return UserError(
-            what,
+            f"strips in the {names} picture are about {abs(degrees):.0f} deg to the {side} of the "
+            "turrets that the lidar finds",
             "heading_rad of the camera or of the lidar is wrong in robot.toml, or one was moved",
             "measure them: swarmloc calibrate camera, swarmloc calibrate lidar",
         )

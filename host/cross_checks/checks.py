@@ -8,7 +8,6 @@ import math
 from host.config import RobotConfig
 from host.cross_checks.cameras import LidarAgainstCameras
 from host.cross_checks.wheels import WheelsAgainstLidar
-from host.errors import UserError
 from host.geometry import Path
 from host.messages import Bearings, Displacement, Health, Message, Scan
 
@@ -55,17 +54,16 @@ class CrossChecks:
         if time < self._next or not (self._wheels.compared or self._cameras.compared):
             return None
         self._next = time + _PERIOD_S
-        faults = [fault for fault in (self._wheels.fault(), self._cameras.fault()) if fault]
+        # Where the odometry is wrong, or scans are old, pictures do not meet them either.
+        fault = self._wheels.fault() or self._cameras.fault()
         counts = {
             "comparisons": self._wheels.compared,
             "contradictions": self._wheels.contradictions,
             "pictures": self._cameras.compared,
         }
-        return Health(time, DEVICE, not faults, self._words(faults), counts)
+        return Health(time, DEVICE, fault is None, str(fault or self._agreement()), counts)
 
-    def _words(self, faults: list[UserError]) -> str:
-        if faults:
-            return "\n".join(map(str, faults))
+    def _agreement(self) -> str:
         pairs = []
         if self._wheels.compared:
             pairs.append("wheels and lidar agree")

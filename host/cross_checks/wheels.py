@@ -94,7 +94,8 @@ class WheelsAgainstLidar:
         if len(against) < _CONTRADICTIONS:
             self._kind_reported = ""
             return None
-        kind = Counter(verdict.kind for verdict in against).most_common(1)[0][0]
+        kinds = Counter(verdict.kind for verdict in against)
+        kind = max(kinds, key=lambda kind: (kind != "differs" and kinds[kind] > 1, kinds[kind]))
         if kind != self._kind_reported:
             self._kind_reported = kind
             self._reported = _explained([verdict for verdict in against if verdict.kind == kind])
@@ -136,6 +137,8 @@ class WheelsAgainstLidar:
             return "stands"
         if _within(reported, _STANDS_M, _STANDS_RAD):
             return "moves"
+        if abs(reported[2]) > _APART_RAD and abs(reported[2] + seen[2]) < _APART_RAD:
+            return "mirrored"
         said, true = (_wheel_travel(motion, self._half_track) for motion in (reported, seen))
         left, right = np.abs(said - true) < _WHEEL_M
         if left == right:
@@ -183,12 +186,17 @@ def _explained(verdicts: list[_Verdict]) -> UserError:
             "put it down; if it drives by itself, check the encoder leads and their 5 V",
         )
     what = f"the wheels report {reported}, the lidar sees {seen}"
+    if kind == "mirrored":
+        return UserError(
+            f"{what}: the rotation is the other way round",
+            "the two encoders are exchanged, or the lidar is mounted upside down",
+            "exchange the leads of the left and the right encoder; see docs/hardware.md",
+        )
     if kind == "differs":
         return UserError(
             what,
-            "encoders are exchanged or reversed, wheels slip, or the lidar is mounted otherwise "
-            "than robot.toml says",
-            "check [wheels], [motors] and [lidar] in robot.toml: swarmloc calibrate wheels, lidar",
+            "an encoder misses counts or is reversed, wheels slip, or [wheels] is another robot's",
+            "check the encoder leads and robot.toml: swarmloc calibrate wheels",
         )
     side = kind.partition(" ")[0]
     return UserError(
