@@ -17,6 +17,7 @@ MIXTURE = slice(0, 2 * ROWS)  # of the state: the rows of both kinds, as (ROWS, 
 # and the index of its parent: the component before the update that it comes from.
 SEEN, CONFIRMED, LABEL, PARENT = range(2 * ROWS, 2 * ROWS + 4)
 STATE = 2 * ROWS + 4
+_PLAIN_SCORE = 3.0  # from here on a reading counts as a turret
 
 
 def rows_of(state: FloatArray) -> FloatArray:
@@ -36,8 +37,8 @@ def born_at(measured: Positions, settings: FilterSettings, parent: int) -> Float
     rows = rows_of(born)
     rows[X], rows[Y] = measured.positions.T
     rows[PXX:WEIGHT] = measured.covariances.reshape(-1, 4).T.take((0, 1, 3), axis=0)[:, None]
-    # What does not look like a turret is rather an obstacle. More than even odds in favour are not
-    # used: what looks like one in this revolution, a post, does so in the next.
+    # What does not look like a turret is rather an obstacle. That it does is no evidence for a
+    # teammate: what looks like one in this revolution, a post, does so in the next.
     teammate = (1.0 - settings.obstacle_share) * likeness(measured)
     rows[WEIGHT, TEAMMATE] = settings.birth_per_m2 * teammate
     rows[WEIGHT, OBSTACLE] = settings.birth_per_m2 * settings.obstacle_share
@@ -46,7 +47,11 @@ def born_at(measured: Positions, settings: FilterSettings, parent: int) -> Float
 
 
 def likeness(measured: Positions) -> FloatArray:
-    """min(1, likelihood ratio) (m,) of each reading: 1 where the sensor gives no score."""
+    """How much each reading (m,) counts as a turret: min(1, likelihood ratio / 20).
+
+    1 where the sensor gives no score. In a furnished room background of a turret's size is some
+    twenty times as frequent as turrets, and it is there again in each revolution.
+    """
     if measured.scores is None:
         return np.ones(len(measured.positions))
-    return np.asarray(np.exp(np.minimum(measured.scores, 0.0)))
+    return np.asarray(np.exp(np.minimum(measured.scores - _PLAIN_SCORE, 0.0)))
