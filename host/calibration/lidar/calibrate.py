@@ -64,15 +64,34 @@ def calibrate(gathered: Gathered) -> Calibration:
             f"of all bodies it saw {gathered.config.mocap.body} alone, which is this robot",
             "put a teammate with a body of its own on the floor",
         )
-    seen = find_turrets(gathered.scans, gathered.config.lidar)
-    some = seen.some(_SCANNED)
-    configured = gathered.config.lidar.delay_s
-    curve = scan(
-        lambda delay: fit_at(delay, some, tracks)[1],
-        _DELAYS_S[0] - configured,
-        _DELAYS_S[1] - configured,
-        STEP_S,
+    lidar = gathered.config.lidar
+    configured = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad, lidar.delay_s, 0.0])
+    seen = find_turrets(gathered.scans, lidar)
+    curve, start = _search(seen, tracks)
+    joint, who = _fit_pairs(seen, tracks, start)
+    halves = _halves(seen, tracks, joint.values, who)
+    outcome = _outcome(configured, tracks, seen, curve, joint, who)
+    used = int(np.count_nonzero(outcome.used))
+    return Calibration(
+        kind="lidar",
+        fitted=_rows(configured, joint.values, _honest(joint.covariance, outcome), halves),
+        checks=verdict(outcome),
+        residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
+        f"{100.0 * outcome.share:.0f} % of all turrets seen",
+        pictures=pictures(outcome),
+        figures={
+            "rms_m": outcome.rms,
+            "used": used,
+            "candidates": outcome.candidates,
+            "plausible_delays_s": list(outcome.plausible),
+        },
     )
+
+
+def _search(seen: Turrets, tracks: Tracks) -> tuple[DelayCurve, FloatArray]:
+    """The best cost at each delay, and the values (5,) that are best."""
+    some = seen.some(_SCANNED)
+    curve = scan(lambda delay: fit_at(delay, some, tracks)[1], *_DELAYS_S, STEP_S)
     pose, cost = fit_at(curve.best, some, tracks)
     if cost >= NEAR_M**2:
         raise UserError(
@@ -80,9 +99,7 @@ def calibrate(gathered: Gathered) -> Calibration:
             "at no delay and no rotation do turrets lie where motion capture has teammates",
             "see that motion capture streams at the same time, and that [mocap] body is this robot",
         )
-    joint, who = _fit_pairs(seen, tracks, np.array([*pose, curve.best, 0.0]))
-    halves = _halves(seen, tracks, joint.values, who)
-    return _calibration(gathered, tracks, seen, curve, joint, who, halves)
+    return curve, np.array([*pose, curve.best, 0.0])
 
 
 def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
@@ -109,9 +126,7 @@ def _fit(seen: Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> Joi
     return fit_jointly(seen.points, seen.times, seen.sigmas, truth, start)
 
 
-def _halves(
-    seen: Turrets, tracks: Tracks, values: FloatArray, who: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _halves(seen: Turrets, tracks: Tracks, values: FloatArray, who: IntArray) -> list[FloatArray]:
     """The fit (5,) of either half of the data in time; nan where a half has too little."""
     middle = float(np.median(seen.times[who >= 0]))
     found = []
@@ -120,39 +135,7 @@ def _halves(
             found.append(_fit(seen, tracks, values, np.where(chosen, who, -1)).values)
         except UserError:
             found.append(np.full(5, math.nan))
-    return found[0], found[1]
-
-
-def _calibration(
-    gathered: Gathered,
-    tracks: Tracks,
-    seen: Turrets,
-    curve: DelayCurve,
-    joint: JointFit,
-    who: IntArray,
-    halves: tuple[FloatArray, FloatArray],
-) -> Calibration:
-    lidar = gathered.config.lidar
-    configured = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad, lidar.delay_s, 0.0])
-    outcome = _outcome(configured, tracks, seen, curve, joint, who)
-    later = np.array([0.0, 0.0, 0.0, lidar.delay_s, 0.0])  # already off the times of the messages
-    covariance = _honest(joint.covariance, outcome)
-    rows = _rows(configured, joint.values + later, covariance, [h + later for h in halves])
-    used = int(np.count_nonzero(outcome.used))
-    return Calibration(
-        kind="lidar",
-        fitted=rows,
-        checks=verdict(outcome),
-        residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
-        f"{100.0 * outcome.share:.0f} % of all turrets seen",
-        pictures=pictures(outcome),
-        figures={
-            "rms_m": outcome.rms,
-            "used": used,
-            "candidates": outcome.candidates,
-            "plausible_delays_s": [float(delay) for delay in outcome.plausible],
-        },
-    )
+    return found
 
 
 def _outcome(
@@ -170,13 +153,11 @@ def _outcome(
     before = np.full_like(joint.errors, math.nan)
     for identity in tracks.identities.tolist():
         member = np.flatnonzero(who == identity)
-        then = tracks.relative(identity, seen.times[member])
+        then = tracks.relative(identity, seen.times[member] - configured[3])
         before[member] = to_parent(seen.points[member], configured[:3]) - then
     squares = float(np.mean(np.sum(joint.errors[used] ** 2, axis=1)))
     # As if errors were alike for seconds: one independent sighting for each three seconds.
     blocks = max((seen.times[-1] - seen.times[0]) / CORRELATED_S, 1.0)
-    plausible = curve.interval(_RISE_SIGMAS**2 * squares / blocks)
-    delayed = DelayCurve(curve.delays + configured[3], curve.costs)
     return Outcome(
         truths=(placed - joint.errors)[paired],
         errors=joint.errors[paired],
@@ -184,8 +165,8 @@ def _outcome(
         used=used[paired],
         origin=joint.values[:2],
         candidates=len(seen.times),
-        curve=delayed,
-        plausible=(plausible[0] + configured[3], plausible[1] + configured[3]),
+        curve=curve,
+        plausible=curve.interval(_RISE_SIGMAS**2 * squares / blocks),
     )
 
 

@@ -44,7 +44,10 @@ class Turrets:
 
 
 def find_turrets(scans: list[Scan], lidar: Lidar) -> Turrets:
-    """All candidates in the lidar's own frame: each at its own time, not carried."""
+    """All candidates in the lidar's own frame: each at its own time, not carried.
+
+    The delay that is configured is taken out of their times, so that the whole of it is found.
+    """
     bare = lidar.model_copy(update={"x_m": 0.0, "y_m": 0.0, "heading_rad": 0.0})
     stay = Path()
     found = [turrets.find(scan, bare, stay) for scan in scans]
@@ -58,7 +61,7 @@ def find_turrets(scans: list[Scan], lidar: Lidar) -> Turrets:
         )
     covariances = np.concatenate([p.covariances for p in found])
     return Turrets(
-        np.concatenate(times),
+        np.concatenate(times) + lidar.delay_s,
         np.concatenate([p.positions for p in found]),
         np.sqrt(0.5 * np.trace(covariances, axis1=1, axis2=2)),
     )

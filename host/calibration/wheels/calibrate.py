@@ -7,17 +7,12 @@ edges of the encoder's signals are counted otherwise than configured.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from host.calibration.result import Calibration
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
-from host.calibration.wheels.model import (
-    LAGS,
-    Drive,
-    values_of,
-)
+from host.calibration.wheels.model import LAGS, Drive, values_of
 from host.calibration.wheels.noise import noise
 from host.calibration.wheels.pictures import pictures
 from host.calibration.wheels.verdict import (
@@ -46,20 +41,18 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     nominal = values_of(wheels, mocap, len(drives))
     found = _fit(drives, wheels.counts_per_turn, nominal, both_ways)
     halves = _halves(drives, found.counts, wheels, mocap)
-    settings: dict[str, Any] = {}
-    if found.counts != wheels.counts_per_turn:
-        settings["wheels.counts_per_turn"] = found.counts
+    other_counts = found.counts != wheels.counts_per_turn
     return Calibration(
         kind="wheels",
         fitted=(
             *value_rows(found, halves, wheels, mocap),
-            *noise_rows(noise(drives, found), wheels),
+            *noise_rows(*noise(drives, found), wheels),
         ),
         checks=verdict(found, driven, wheels),
         residuals=residuals(found),
         warnings=tuple(warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
-        settings=settings,
+        settings={"wheels.counts_per_turn": found.counts} if other_counts else {},
         figures={
             "drives": [drive.name for drive in drives],
             "way_m": driven.way_m,
@@ -124,16 +117,13 @@ def _check_signs(start: FloatArray) -> None:
 
 def _halves(
     drives: Sequence[Drive], counts: int, wheels: Wheels, mocap: Mocap
-) -> tuple[FloatArray, FloatArray] | None:
+) -> list[FloatArray] | None:
     """Values of the first and of the second half of every drive; None where that is too little."""
-    fits = []
-    for first in (True, False):
-        middles = [0.5 * sum(drive.span) for drive in drives]
-        parts = [
-            drive.part(-math.inf, middle) if first else drive.part(middle, math.inf)
-            for drive, middle in zip(drives, middles, strict=True)
-        ]
-        parts = _usable(parts)
+    middles = [0.5 * sum(drive.span) for drive in drives]
+    firsts = [drive.part(-math.inf, m) for drive, m in zip(drives, middles, strict=True)]
+    lasts = [drive.part(m, math.inf) for drive, m in zip(drives, middles, strict=True)]
+    values = []
+    for parts in (_usable(firsts), _usable(lasts)):
         driven = coverage(parts, wheels.track_m)
         if min(driven.left_rad, driven.right_rad) < LEAST_TURN_RAD:
             return None
@@ -142,5 +132,5 @@ def _halves(
         found = None if start is None else fit(parts, counts, start, nominal)
         if found is None:
             return None
-        fits.append(found.values)
-    return fits[0], fits[1]
+        values.append(found.values)
+    return values

@@ -26,10 +26,8 @@ from host.calibration.wheels.model import (
     GEOMETRY,
     Drive,
     Windows,
-    advance,
-    at,
+    at_ends,
     misses,
-    motions,
     path,
     relative,
     windows_of,
@@ -49,7 +47,6 @@ _LAG_STEP_S, _LAG_PRIOR_S = 0.02, 0.2
 _ROUGH = np.array([0.02, 0.02, 0.03])  # noise of a window before it is known: m, m, rad
 NOISE_FLOOR = np.array([5e-4, 5e-4, 1e-3])  # of a window: that of motion capture alone
 _SOFT, OUTLIER = 2.0, 5.0  # sigmas: trusted less from here on, left out from here on
-_LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1
 
 _Loss = Literal["linear", "soft_l1"]
 
@@ -70,13 +67,6 @@ class Fit:
     used: BoolArray
 
 
-def moving(drives: Sequence[Drive], windows: Windows) -> BoolArray:
-    """In which windows (w,) the body truly moved."""
-    moved = motions(drives, windows)
-    ways = np.hypot(moved[:, 0], moved[:, 1]) + _RADIAN_M * np.abs(moved[:, 2])
-    return np.asarray(ways > _LEAST_MOVED_M)
-
-
 def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) -> FloatArray | None:
     """Values in closed form, whatever the body's mounting; None where hardly anything moved.
 
@@ -85,12 +75,14 @@ def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) ->
     `configured`. The radius of a wheel that counts backwards comes out negative.
     """
     windows = windows_of(drives, WINDOW_S, STRIDE_S)
-    windows = windows.where(moving(drives, windows))
+    windows = windows.where(windows.moving)
     if len(windows) < 4:
         return None
-    x, y, rotation = motions(drives, windows).T
+    x, y, rotation = windows.moved.T
+    no_lags = np.zeros((len(drives), 2))
     metres = 2.0 * math.pi / counts * configured[:2] * (-1.0, 1.0)
-    ways = advance(drives, [drive.ticks * metres for drive in drives], windows)
+    first, last = at_ends(drives, [drive.ticks * metres for drive in drives], windows, no_lags)
+    ways = last - first
     usual = np.full(2, 1.0 / configured[2])
     per_way = usual + _solve(ways, rotation - ways @ usual, 0.05 / usual[0])
     per_way = np.where(np.abs(per_way) < 1e-3 * usual, usual, per_way)
@@ -99,15 +91,8 @@ def rough_start(drives: Sequence[Drive], counts: int, configured: FloatArray) ->
     shape[:2] *= per_way * configured[2]
     c, s = 1.0 - np.cos(rotation), np.sin(rotation)
     along = np.stack((x, -y, c, s), axis=1), np.stack((y, x, -s, c), axis=1)
-    by_wheels = np.zeros((len(windows), 3))
-    for number, drive in enumerate(drives):
-        own = windows.drives == number
-        poses = path(drive, counts, shape)
-        ends = [
-            at(drive, poses, np.zeros(2), drive.truth_times[index[own]])
-            for index in (windows.starts, windows.ends)
-        ]
-        by_wheels[own] = relative(*ends)
+    paths = [path(drive, counts, shape) for drive in drives]
+    by_wheels = relative(*at_ends(drives, paths, windows, no_lags))
     a, b, px, py = _solve(np.concatenate(along), by_wheels[:, :2].T.ravel(), 0.05)
     scale = 1.0 / math.hypot(a, b)
     shape[GEOMETRY] *= scale
@@ -136,12 +121,12 @@ def fit(
     standard deviations (slip, a push, a body taken for another) least squares.
     """
     windows = windows_of(drives, WINDOW_S, STRIDE_S)
-    used = moving(drives, windows)
+    used = windows.moving
     if np.count_nonzero(used) < 2:
         return None
     problem = _Problem(drives, counts, windows, configured)
-    moved = np.abs(motions(drives, windows))
-    exposure = np.stack((np.ones(len(windows)), np.hypot(*moved[:, :2].T), moved[:, 2]), axis=1)
+    x, y, rotation = windows.moved.T
+    exposure = np.stack((np.ones(len(windows)), np.hypot(x, y), np.abs(rotation)), axis=1)
     values, sigmas = start, np.tile(_ROUGH, (len(windows), 1))
     for _ in range(2):
         values = problem.solve(values, sigmas, used, "soft_l1")
@@ -239,7 +224,7 @@ def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
     From the headings alone: on the straight, ticks that come ever later look like a smaller wheel.
     """
     windows = windows_of([drive], WINDOW_S, STRIDE_S)
-    windows = windows.where(moving([drive], windows))
+    windows = windows.where(windows.moving)
     if len(windows) < 4:
         return np.zeros(2)
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import Mocap, Wheels
-from host.geometry import to_frame, to_parent, wrap
+from host.geometry import to_frame, to_parent
 from host.messages import BoolArray, FloatArray, IntArray
 
 # Where things are in a vector of values: left and right radius, track (m); x, y (m) and heading
 # (rad) of the body in the robot frame; and for each drive by how much the stamps of its ticks are
 # late (s) at its start and at its end. Clocks drift: in recorded runs by 50 ms in a minute.
 GEOMETRY, BODY, LAGS = slice(0, 3), slice(3, 6), slice(6, None)
+_LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1  # a window of less is one of standing still
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +55,6 @@ def values_of(wheels: Wheels, mocap: Mocap, drives: int = 0) -> FloatArray:
     return np.array([*geometry, mocap.x_m, mocap.y_m, mocap.heading_rad, *([0.0] * 2 * drives)])
 
 
-def configured(values: FloatArray, wheels: Wheels, mocap: Mocap) -> tuple[Wheels, Mocap]:
-    """The configuration with fitted values in it; the lags have no place there."""
-    left, right, track, x, y, heading = values[:6].tolist()
-    return (
-        wheels.model_copy(
-            update={"left_radius_m": left, "right_radius_m": right, "track_m": track}
-        ),
-        mocap.model_copy(update={"x_m": x, "y_m": y, "heading_rad": float(wrap(heading))}),
-    )
-
-
 def path(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
     """Robot poses (n, 3) at drive.times by the wheels alone, from (0, 0, 0).
 
@@ -86,20 +76,20 @@ def relative(start: FloatArray, end: FloatArray) -> FloatArray:
     return np.column_stack((to_frame(end[:, :2], start), end[:, 2] - start[:, 2]))
 
 
-def compose(frames: FloatArray, pose: FloatArray) -> FloatArray:
-    """Where poses (n, 3) or (3,), given in frames at `frames` (n, 3), are in their parent."""
-    points = np.broadcast_to(pose[..., :2], (len(frames), 2))
-    return np.column_stack((to_parent(points, frames), frames[:, 2] + pose[..., 2]))
+def compose(frames: FloatArray, poses: FloatArray) -> FloatArray:
+    """Where poses (n, 3), given in frames at `frames` (n, 3), are in their parent.
 
-
-def stamps(drive: Drive, lags: FloatArray, times: FloatArray) -> FloatArray:
-    """What the ticks' clock shows at the true `times` (k,); lags (2,) s at its start and end."""
-    return np.asarray(times + np.interp(times, drive.span, lags))
+    Where there is only one of frames or poses, (1, 3) or for the pose (3,), it goes with all.
+    """
+    return np.column_stack((to_parent(poses[..., :2], frames), frames[:, 2] + poses[..., 2]))
 
 
 def at(drive: Drive, columns: FloatArray, lags: FloatArray, times: FloatArray) -> FloatArray:
-    """Rows (n, c), known at the stamps of a drive's ticks, at the true `times` (k,): (k, c)."""
-    shown = stamps(drive, lags, times)
+    """Rows (n, c), known at the stamps of a drive's ticks, at the true `times` (k,): (k, c).
+
+    lags (2,) s: by how much the stamps are late at the drive's start and end.
+    """
+    shown = times + np.interp(times, drive.span, lags)
     return np.stack([np.interp(shown, drive.times, column) for column in columns.T], axis=1)
 
 
@@ -115,63 +105,66 @@ def body_path(drive: Drive, counts: int, values: FloatArray) -> FloatArray:
 class Windows:
     """Pairs of true poses that lie so many seconds apart.
 
-    drives (w,): which drive each is of. starts, ends (w,): indices of poses of its truth.
+    drives (w,): which drive each is of. starts, ends (w,) s: when. moved (w, 3): how the body
+    truly moved, seen from its pose at the start.
     """
 
     drives: IntArray
-    starts: IntArray
-    ends: IntArray
+    starts: FloatArray
+    ends: FloatArray
+    moved: FloatArray
 
     def __len__(self) -> int:
         return len(self.drives)
 
     def where(self, chosen: BoolArray) -> "Windows":
         """Those chosen (w,)."""
-        return Windows(self.drives[chosen], self.starts[chosen], self.ends[chosen])
+        return Windows(
+            self.drives[chosen], self.starts[chosen], self.ends[chosen], self.moved[chosen]
+        )
+
+    @property
+    def moving(self) -> BoolArray:
+        """In which windows (w,) the body truly moved."""
+        ways = np.hypot(*self.moved[:, :2].T) + _RADIAN_M * np.abs(self.moved[:, 2])
+        return np.asarray(ways > _LEAST_MOVED_M)
 
 
 def windows_of(drives: Sequence[Drive], length_s: float, stride_s: float) -> Windows:
     """Windows of `length_s`, one each `stride_s`, wherever both ends were seen."""
-    parts = [np.zeros((0, 3), dtype=np.int64)]
+    parts = [np.zeros((0, 6))]
     for number, drive in enumerate(drives):
         times, (first, last) = drive.truth_times, drive.span
-        due = np.arange(first, last - length_s + 1e-9, stride_s)
         if last - first < length_s:
             continue
+        due = np.arange(first, last - length_s + 1e-9, stride_s)
         starts, ends = _nearest(times, due), _nearest(times, due + length_s)
         off = np.maximum(np.abs(times[starts] - due), np.abs(times[ends] - due - length_s))
         good = (times[starts] >= first) & (times[ends] <= last) & (off <= 0.5 * stride_s)
-        parts.append(np.stack((np.full(len(due), number), starts, ends), axis=1)[good])
-    return Windows(*np.concatenate(parts).T)
-
-
-def advance(drives: Sequence[Drive], columns: Sequence[FloatArray], windows: Windows) -> FloatArray:
-    """By how much columns (n, c) of each drive, one row a time, grow in each window (w, c)."""
-    grown = np.zeros((len(windows), columns[0].shape[1]))
-    still = np.zeros(2)
-    for number, (drive, rows) in enumerate(zip(drives, columns, strict=True)):
-        own = windows.drives == number
-        start, end = (
-            at(drive, rows, still, drive.truth_times[index[own]])
-            for index in (windows.starts, windows.ends)
-        )
-        grown[own] = end - start
-    return grown
+        moved = relative(drive.truth[starts], drive.truth[ends])
+        numbers = np.full(len(due), number)
+        parts.append(np.column_stack((numbers, times[starts], times[ends], moved))[good])
+    rows = np.concatenate(parts)
+    return Windows(rows[:, 0].astype(np.int64), rows[:, 1], rows[:, 2], rows[:, 3:])
 
 
 def _nearest(times: FloatArray, due: FloatArray) -> IntArray:
-    after = np.clip(np.searchsorted(times, due), 1, len(times) - 1)
-    earlier = due - times[after - 1] < times[after] - due
-    return np.asarray(after - earlier, dtype=np.int64)
+    return np.searchsorted(0.5 * (times[1:] + times[:-1]), due, side="right")
 
 
-def motions(drives: Sequence[Drive], windows: Windows) -> FloatArray:
-    """How the body truly moved in each window (w, 3), seen from its pose at the start."""
-    moved = np.zeros((len(windows), 3))
-    for number, drive in enumerate(drives):
+def at_ends(
+    drives: Sequence[Drive], columns: Sequence[FloatArray], windows: Windows, lags: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Columns (n, c) of each drive, one row a time, at both ends of each window: two (w, c).
+
+    lags (drives, 2) s: by how much each drive's stamps are late at its start and end.
+    """
+    ends = np.zeros((2, len(windows), columns[0].shape[1]))
+    for number, (drive, rows) in enumerate(zip(drives, columns, strict=True)):
         own = windows.drives == number
-        moved[own] = relative(drive.truth[windows.starts[own]], drive.truth[windows.ends[own]])
-    return moved
+        ends[0, own] = at(drive, rows, lags[number], windows.starts[own])
+        ends[1, own] = at(drive, rows, lags[number], windows.ends[own])
+    return ends[0], ends[1]
 
 
 def misses(
@@ -181,14 +174,5 @@ def misses(
 
     (w, 3): along and across the body's x-axis at the window's start (m), heading (rad).
     """
-    wrong = -motions(drives, windows)
-    lags = values[LAGS].reshape(-1, 2)
-    for number, drive in enumerate(drives):
-        own = windows.drives == number
-        poses = body_path(drive, counts, values)
-        starts, ends = (
-            at(drive, poses, lags[number], drive.truth_times[index[own]])
-            for index in (windows.starts, windows.ends)
-        )
-        wrong[own] += relative(starts, ends)
-    return wrong
+    paths = [body_path(drive, counts, values) for drive in drives]
+    return relative(*at_ends(drives, paths, windows, values[LAGS].reshape(-1, 2))) - windows.moved

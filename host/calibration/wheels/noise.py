@@ -6,14 +6,13 @@ motion capture adds at the ends of a window stands in the line's other constant.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from host.calibration.robust.statistics import jackknife_sigma, normal_sigma
-from host.calibration.wheels.fit import NOISE_FLOOR, OUTLIER, STRIDE_S, Fit, moving
-from host.calibration.wheels.model import Drive, advance, misses, motions, path, windows_of
-from host.messages import BoolArray, FloatArray, IntArray
+from host.calibration.wheels.fit import NOISE_FLOOR, OUTLIER, STRIDE_S, Fit
+from host.calibration.wheels.model import Drive, at_ends, misses, path, windows_of
+from host.messages import FloatArray
 
 _WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
 _BENT_RAD = 2.0  # rotated by more, an arc's chord says little of its length
@@ -24,90 +23,52 @@ _DRIFT_SHARE = math.sqrt(0.1)  # of the heading's noise, where nothing was drive
 _REST = 0.1  # of the squared error, left to the rotations at least
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """As in `config.Wheels`: distance (m), heading and drift (rad); sigmas (3,) of these.
+def noise(drives: Sequence[Drive], fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Fit the three noises of `differential_drive.displacement`, with their sigmas: (3,) each.
 
-    drift is nan where nothing was driven straight.
-    """
-
-    distance: float
-    heading: float
-    drift: float
-    sigmas: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class _Missed:
-    """What windows (w,) of one length miss.
-
-    pieces (w,): of the drives, 0 to 7. exposure (w, 2): way (m) and rotation (rad) driven.
-    heading (w,) rad: missed; longer (w,) m: of the way. straight, open (w,): those in which the
-    drift, and the way, are observable.
-    """
-
-    length_s: float
-    pieces: IntArray
-    exposure: FloatArray
-    heading: FloatArray
-    longer: FloatArray
-    straight: BoolArray
-    open: BoolArray
-
-
-def noise(drives: Sequence[Drive], fitted: Fit) -> Noise:
-    """Fit the three noises of `differential_drive.displacement`.
-
-    That of the way from windows of 1 to 4 s, by its length alone, to which an error of the heading
-    adds nothing; the drift from those that are straight; the heading's from 2 to 8 s, less drift.
-    Their sigmas are a jackknife's, over eighths of the drives.
+    Distance (m), heading and drift (rad) as in `config.Wheels`; drift is nan where nothing was
+    driven straight. That of the way is from windows of 1 to 4 s, by its length alone, to which an
+    error of the heading adds nothing; the drift from those that are straight; the heading's from
+    2 to 8 s, less drift. Their sigmas are a jackknife's, over eighths of the drives.
     """
     travelled = [_travelled(drive, fitted) for drive in drives]
-    missed = [_missed(drives, fitted, travelled, length) for length in _WINDOWS_S]
-    distance, heading, drift = _noises(missed, -1)
-    others = np.array([_noises(missed, left_out) for left_out in range(_PIECES)])
-    return Noise(distance, heading, drift, jackknife_sigma(others))
+    tables = [_missed(drives, fitted, travelled, length) for length in _WINDOWS_S]
+    ways, rotations, straight = zip(*tables, strict=True)
+    kinds = ways[:-1], rotations[1:], straight
+    others = [_noises(kinds, left_out) for left_out in range(_PIECES)]
+    return _noises(kinds, -1), jackknife_sigma(np.array(others))
 
 
 def _missed(
     drives: Sequence[Drive], fitted: Fit, travelled: Sequence[FloatArray], length_s: float
-) -> _Missed:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What windows of one length miss: rows of piece of the drives, way, rotation, and error.
+
+    The error is of the way (m) where that is observable; of the heading (rad); and of the heading
+    where its drift is observable.
+    """
     windows = windows_of(drives, length_s, STRIDE_S)
-    windows = windows.where(moving(drives, windows))
+    windows = windows.where(windows.moving)
     wrong = misses(drives, fitted.counts, fitted.values, windows)
-    moved = motions(drives, windows)
-    rotated = np.abs(moved[:, 2])
+    moved, rotated = windows.moved, np.abs(windows.moved[:, 2])
     longer = np.hypot(*(moved + wrong)[:, :2].T) - np.hypot(*moved[:, :2].T)
-    count = len(windows)
-    return _Missed(
-        length_s,
-        np.arange(count) * _PIECES // max(count, 1),
-        advance(drives, travelled, windows),
-        wrong[:, 2],
-        longer / np.sinc(np.minimum(rotated, _BENT_RAD) / math.tau),  # arc over chord
-        rotated < _STRAIGHT_RAD,
-        rotated < _BENT_RAD,
+    longer /= np.sinc(np.minimum(rotated, _BENT_RAD) / math.tau)  # arc over chord
+    first, last = at_ends(drives, travelled, windows, np.zeros((len(drives), 2)))
+    pieces = np.arange(len(windows)) * _PIECES // max(len(windows), 1)
+    ways, headings = (np.column_stack((pieces, last - first, e)) for e in (longer, wrong[:, 2]))
+    return ways[rotated < _BENT_RAD], headings, headings[rotated < _STRAIGHT_RAD]
+
+
+def _noises(kinds: Sequence[Sequence[FloatArray]], left_out: int) -> FloatArray:
+    """Distance, heading and drift (3,) from all windows but those of the piece `left_out`."""
+    kept = [[rows[rows[:, 0] != left_out, 1:] for rows in kind] for kind in kinds]
+    ways, rotations, drifts = (
+        [_growth(rows) for rows in kind if len(rows) >= _LEAST_WINDOWS] for kind in kept
     )
-
-
-def _noises(missed: Sequence[_Missed], left_out: int) -> tuple[float, float, float]:
-    """Distance, heading and drift from all windows but those of the piece `left_out`."""
-    rotations, ways, drifts = [], [], []
-    for of in missed:
-        kept = of.pieces != left_out
-        if np.count_nonzero(kept) < _LEAST_WINDOWS:
-            continue
-        straight, open_ = kept & of.straight, kept & of.open
-        if np.count_nonzero(straight) >= _LEAST_WINDOWS:
-            drifts.append(_growth(of.exposure[straight], of.heading[straight]))
-        if of.length_s > _WINDOWS_S[0]:
-            rotations.append(_growth(of.exposure[kept], of.heading[kept]))
-        if of.length_s < _WINDOWS_S[-1] and np.count_nonzero(open_) >= _LEAST_WINDOWS:
-            ways.append(_growth(of.exposure[open_], of.longer[open_]))
     drift2 = _slope([(metres, square) for metres, _, square in drifts])
     heading2 = _slope([_of_turns(point, drift2) for point in rotations])
     distance2 = _slope([(metres, square) for metres, _, square in ways])
-    return math.sqrt(distance2), math.sqrt(heading2), math.sqrt(drift2)
+    return np.sqrt([distance2, heading2, drift2])
 
 
 def _of_turns(point: tuple[float, float, float], drift2: float) -> tuple[float, float]:
@@ -118,12 +79,12 @@ def _of_turns(point: tuple[float, float, float], drift2: float) -> tuple[float, 
     return rotated, max(square - drift2 * way, _REST * square)
 
 
-def _growth(exposure: FloatArray, wrong: FloatArray) -> tuple[float, float, float]:
-    """Mean way and rotation and mean squared error of windows, without those far out."""
-    sigma = max(normal_sigma(wrong), NOISE_FLOOR[0])
-    good = np.abs(wrong) <= OUTLIER * sigma
-    way, rotated = exposure[good].mean(axis=0)
-    return float(way), float(rotated), float(np.mean(wrong[good] ** 2))
+def _growth(rows: FloatArray) -> tuple[float, float, float]:
+    """Mean way and rotation and mean squared error of windows (w, 3), without those far out."""
+    error = np.abs(rows[:, 2])
+    good = rows[error <= OUTLIER * max(normal_sigma(error), NOISE_FLOOR[0])]
+    way, rotated = good[:, :2].mean(axis=0)
+    return float(way), float(rotated), float(np.mean(good[:, 2] ** 2))
 
 
 def _slope(points: Sequence[tuple[float, float]]) -> float:

@@ -14,7 +14,6 @@ from host.calibration.wheels.model import (
     body_path,
     compose,
     misses,
-    motions,
     relative,
 )
 from host.calibration.wheels.verdict import Coverage
@@ -55,25 +54,21 @@ def pictures(
     )
 
 
-def _times(drive: Drive) -> FloatArray:
+def _both(
+    drive: Drive, lag: FloatArray, geometry: Geometry
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (k,) s, true poses (k, 3) then, and those by the wheels from the first true one on."""
     first, last = drive.span
-    times = drive.truth_times[(drive.truth_times >= first) & (drive.truth_times <= last)]
-    return times[:: max(1, math.ceil(len(times) / _MOST_POINTS))]
-
-
-def _both(drive: Drive, lag: FloatArray, geometry: Geometry) -> tuple[FloatArray, FloatArray]:
-    """True poses (k, 3), and those by the wheels from the first true one on."""
-    times = _times(drive)
-    index = np.searchsorted(drive.truth_times, times)
+    index = np.flatnonzero((drive.truth_times >= first) & (drive.truth_times <= last))
+    index = index[:: max(1, math.ceil(len(index) / _MOST_POINTS))]
+    times, true = drive.truth_times[index], drive.truth[index]
     poses = at(drive, body_path(drive, *geometry), lag, times)
-    steps = relative(np.broadcast_to(poses[0], poses.shape), poses)
-    start = np.broadcast_to(drive.truth[index[0]], poses.shape)
-    return drive.truth[index], compose(start, steps)
+    return times, true, compose(true[:1], relative(poses[:1], poses))
 
 
 def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> ReportPicture:
-    true, old = _both(drive, lag, before)
-    _, new = _both(drive, lag, after)
+    _, true, old = _both(drive, lag, before)
+    *_, new = _both(drive, lag, after)
     rows = ((true, "motion capture"), (old, "wheels, before"), (new, "wheels, fitted"))
     return ReportPicture(
         title=f"Path {drive.name}".rstrip(),
@@ -93,11 +88,11 @@ def _headings(
     series = []
     for drive, lag in shown:
         for geometry, label in ((before, "before"), (after, "fitted")):
-            true, wheels = _both(drive, lag, geometry)
+            times, true, wheels = _both(drive, lag, geometry)
             error = np.degrees(wheels[:, 2] - true[:, 2])
-            times = _times(drive) - drive.span[0]
+            since = times - drive.span[0]
             series.append(
-                Series(x=times, y=error, label=f"{drive.name} {label}".strip(), style="line")
+                Series(x=since, y=error, label=f"{drive.name} {label}".strip(), style="line")
             )
     return ReportPicture(
         title="Error of the heading",
@@ -110,7 +105,7 @@ def _headings(
 
 def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportPicture:
     used = found.windows.where(found.used)
-    rates = np.degrees(motions(drives, used)[:, 2]) / WINDOW_S
+    rates = np.degrees(used.moved[:, 2]) / WINDOW_S
     old = misses(drives, *before, used)
     return ReportPicture(
         title="Heading missed in 2 s, by rotation rate",

@@ -13,11 +13,9 @@ from host.calibration.wheels.model import (
     at,
     body_path,
     compose,
-    configured,
     relative,
     values_of,
 )
-from host.calibration.wheels.verdict import NOISES
 from host.config import Mocap, Wheels
 from host.errors import UserError
 
@@ -78,12 +76,8 @@ def score_unseen(
 
 def apply_fit(calibration: Calibration, wheels: Wheels, mocap: Mocap) -> tuple[Wheels, Mocap]:
     """The configuration with what was fitted in it."""
-    new = calibration.new_settings()
-    values = [new[row.key] for row in calibration.fitted[:6]]
-    wheels, mocap = configured(np.array(values), wheels, mocap)
-    rest = {
-        key.removeprefix("wheels."): new[key]
-        for key in ("wheels.counts_per_turn", *NOISES)
-        if key in new
+    new = [(*key.split("."), value) for key, value in calibration.new_settings().items()]
+    both = {
+        name: {key: value for at, key, value in new if at == name} for name in ("wheels", "mocap")
     }
-    return wheels.model_copy(update=rest), mocap
+    return wheels.model_copy(update=both["wheels"]), mocap.model_copy(update=both["mocap"])

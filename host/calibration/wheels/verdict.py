@@ -8,8 +8,7 @@ import numpy as np
 
 from host.calibration.result import Check, Fitted, at_least, at_most
 from host.calibration.wheels.fit import WINDOW_S, Fit
-from host.calibration.wheels.model import LAGS, Drive, motions, values_of, windows_of
-from host.calibration.wheels.noise import Noise
+from host.calibration.wheels.model import LAGS, Drive, values_of, windows_of
 from host.config import Mocap, Wheels
 from host.geometry import wrap
 from host.messages import FloatArray
@@ -22,8 +21,12 @@ _PLAUSIBLE = 0.15  # relative, of a radius
 _TOO_ALIKE = 0.95  # correlation of the track with the difference of the radii
 _LEAST_SPREAD = 0.08  # of `Coverage.spread`
 _VAGUE = 0.4  # sigma of a noise, as a share of it
-NOISES = ("wheels.distance_noise_m", "wheels.heading_noise_rad", "wheels.drift_noise_rad")
-_LEAST_NOISE_M, _LEAST_NOISE_RAD = 0.001, 0.001
+_NOISES = (
+    ("distance_noise_m", "noise of the way after 1 m", "mm"),
+    ("heading_noise_rad", "noise of the heading after 1 rad", "deg"),
+    ("drift_noise_rad", "noise of the heading after 1 m", "deg"),
+)
+_LEAST_NOISE = 0.001  # m, rad
 BIN_S = 2.0
 
 
@@ -51,10 +54,9 @@ def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
     windows = windows_of(drives, BIN_S, BIN_S)
     if not len(windows):
         return Coverage(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(0), np.zeros(0))
-    moved = motions(drives, windows)
-    rotation = moved[:, 2]
+    x, y, rotation = windows.moved.T
     # The chord of an arc is shorter than the arc.
-    way = np.hypot(moved[:, 0], moved[:, 1]) / np.maximum(np.abs(np.sinc(rotation / math.tau)), 0.1)
+    way = np.hypot(x, y) / np.maximum(np.abs(np.sinc(rotation / math.tau)), 0.1)
     side = 0.5 * track_m * np.abs(rotation)
     share = side / np.maximum(way + side, 1e-9)
     weight = np.maximum(way + side, 1e-12)
@@ -71,10 +73,15 @@ def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
 
 
 def value_rows(
-    found: Fit, halves: tuple[FloatArray, FloatArray] | None, wheels: Wheels, mocap: Mocap
+    found: Fit, halves: list[FloatArray] | None, wheels: Wheels, mocap: Mocap
 ) -> tuple[Fitted, ...]:
-    before = values_of(wheels, mocap)
-    sigmas = np.sqrt(np.diag(found.covariance))
+    values, sigmas = found.values.copy(), np.sqrt(np.diag(found.covariance))
+    values[5] = wrap(values[5])
+    if halves is not None:
+        # A heading near half a circle stays beside the other ones.
+        apart = np.array([half[:6] for half in halves]) - found.values[:6]
+        apart[:, 5] = wrap(apart[:, 5])
+        pairs = (values[:6] + apart).T.tolist()
     small = _RADIUS_LIMIT * wheels.left_radius_m
     shown = (
         ("wheels.left_radius_m", "left wheel's radius", small, "mm"),
@@ -84,24 +91,18 @@ def value_rows(
         ("mocap.y_m", "tracked body, to the left", _PLACE_LIMIT_M, "mm"),
         ("mocap.heading_rad", "tracked body, heading", _HEADING_LIMIT_RAD, "deg"),
     )
+    before = values_of(wheels, mocap)
     rows = []
     for k, (key, name, limit, unit) in enumerate(shown):
-        value = float(wrap(found.values[k])) if k == 5 else float(found.values[k])
-        both = None
-        if halves is not None:
-            # A heading near half a circle stays beside the other ones.
-            apart = [float(half[k] - found.values[k]) for half in halves]
-            apart = [float(wrap(x)) for x in apart] if k == 5 else apart
-            both = value + apart[0], value + apart[1]
         rows.append(
             Fitted(
                 key=key,
                 name=name,
-                value=value,
+                value=float(values[k]),
                 sigma=float(sigmas[k]),
                 limit=limit,
                 before=float(before[k]),
-                halves=both,
+                halves=None if halves is None else tuple(pairs[k]),
                 unit=unit,
             )
         )
@@ -117,18 +118,14 @@ def value_rows(
     return (*rows, lag)
 
 
-def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
-    found = {
-        "distance_noise_m": ("noise of the way after 1 m", noise.distance, _LEAST_NOISE_M),
-        "heading_noise_rad": ("noise of the heading after 1 rad", noise.heading, _LEAST_NOISE_RAD),
-        "drift_noise_rad": ("noise of the heading after 1 m", noise.drift, _LEAST_NOISE_RAD),
-    }
+def noise_rows(noises: FloatArray, sigmas: FloatArray, wheels: Wheels) -> tuple[Fitted, ...]:
+    """The rows of the noises (3,) as `noise` has them; one that is too vague is not written."""
     rows = []
-    for (key, (name, value, least)), sigma in zip(
-        found.items(), noise.sigmas.tolist(), strict=True
+    for (key, name, unit), noise, sigma in zip(
+        _NOISES, noises.tolist(), sigmas.tolist(), strict=True
     ):
-        value = max(value, least) if math.isfinite(value) else math.nan
-        known = sigma <= _VAGUE * value  # else it is not written
+        value = max(noise, _LEAST_NOISE) if math.isfinite(noise) else math.nan
+        known = sigma <= _VAGUE * value
         rows.append(
             Fitted(
                 key=f"wheels.{key}" if known else "",
@@ -136,7 +133,7 @@ def noise_rows(noise: Noise, wheels: Wheels) -> tuple[Fitted, ...]:
                 value=value,
                 sigma=sigma,
                 before=getattr(wheels, key),
-                unit="mm" if key.endswith("_m") else "deg",
+                unit=unit,
             )
         )
     return tuple(rows)
