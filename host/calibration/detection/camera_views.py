@@ -166,16 +166,10 @@ def _covered(pictures: _Pictures, scanned: LidarSurvey | None, lidar: Lidar) -> 
     covered = np.zeros(pictures.distances.shape, dtype=bool)
     if scanned is None:
         return covered
-    after = np.clip(
-        np.searchsorted(scanned.times, pictures.times), 1, max(len(scanned.times) - 1, 1)
-    )
-    after = np.minimum(after, len(scanned.times) - 1)
-    before = np.maximum(after - 1, 0)
     # Samples are on average half a revolution older than its end.
     half = 0.5 * float(np.median(np.diff(scanned.times))) if len(scanned.times) > 1 else 0.0
     middle = scanned.times - half
-    early = pictures.times - middle[before] < middle[after] - pictures.times
-    scan = np.where(early, before, after)
+    scan = np.searchsorted(0.5 * (middle[1:] + middle[:-1]), pictures.times, side="right")
     near = np.abs(middle[scan] - pictures.times) < _SCAN_NEAR_S
     for j in range(covered.shape[1]):
         seen = to_frame(pictures.floors[:, j], scanned.robots[scan])

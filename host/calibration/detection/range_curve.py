@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 
 from host.calibration.robust.statistics import (
     bent_factor,
@@ -25,8 +26,7 @@ _SIDE_VIEWS, _SIDE_BLOCKS = 20, 2  # needed on both sides of the half-range to f
 _LEAST_P = 1e-6
 # A weak prior worth one observation: of what is not observable. See `_cost`.
 _STEEPNESS, _STEEPNESS_SPREAD = 5.0, 1.0  # 1/m, and how far off its logarithm may be
-_BOUNDS = (-6.0, 0.1, math.log(0.3)), (7.0, 11.9, math.log(90.0))
-_MOST_STEPS, _MOST_HALVINGS, _LEAST_GAIN = 60, 12, 1e-7
+_BOUNDS = ((-6.0, 7.0), (0.1, 11.9), (math.log(0.3), math.log(90.0)))
 _STARTS_M = (1.0, 3.0)
 
 
@@ -96,7 +96,7 @@ def fit_curve(views: Views, configured: tuple[float, float]) -> RangeCurve:
     blocks = views.blocks
     starts = (np.array([2.0, half, math.log(_STEEPNESS)]) for half in _STARTS_M)
     fits = [_best(views, 1.0, start) for start in starts]
-    parameters = min(fits, key=lambda fit: _cost(views, 1.0, fit))
+    parameters = min(fits, key=lambda fit: _cost(views, 1.0, fit)[0])
     repeats = _repeats(views, parameters, blocks)
     parameters = _best(views, repeats, parameters)
     half = parameters[1]
@@ -118,45 +118,31 @@ def _logistic(x: float) -> float:
 
 
 def _best(views: Views, repeats: float, start: FloatArray) -> FloatArray:
-    """The likeliest parameters (logit of most, half-range, log of steepness): Fisher scoring.
+    """The likeliest parameters: logit of most, half-range, log of steepness.
 
     repeats: correlated views per independent one; the prior is worth one independent view.
     """
-    low, high = _BOUNDS
-    parameters, cost = start, _cost(views, repeats, start)
-    for _ in range(_MOST_STEPS):
-        slope, curvature = _slopes(views, repeats, parameters)
-        step = np.linalg.solve(curvature, slope)
-        for _ in range(_MOST_HALVINGS):
-            tried = np.clip(parameters - step, low, high)
-            gain = cost - _cost(views, repeats, tried)
-            if gain > 0.0:
-                break
-            step *= 0.5
-        if gain <= 0.0:
-            break
-        parameters, cost = tried, cost - gain
-        if gain < _LEAST_GAIN:
-            break
-    return parameters
+    found = minimize(
+        lambda parameters: _cost(views, repeats, parameters),
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=_BOUNDS,
+        options={"ftol": 1e-15, "gtol": 1e-8, "maxiter": 500},
+    )
+    return np.asarray(found.x)
 
 
-def _cost(views: Views, repeats: float, parameters: FloatArray) -> float:
+def _cost(views: Views, repeats: float, parameters: FloatArray) -> tuple[float, FloatArray]:
+    """The negative logarithm of the posterior, and its derivatives (3,)."""
     probability = _probability(views, parameters)
+    chosen = np.where(views.seen, probability, 1.0 - probability)
     odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
     most = _logistic(parameters[0])
-    chosen = np.where(views.seen, probability, 1.0 - probability)
-    prior = 0.5 * float(odd) ** 2 - 0.5 * math.log(most * (1.0 - most))
-    return prior - float(np.log(chosen).sum()) / repeats
-
-
-def _slopes(views: Views, repeats: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First (3,) and expected second derivatives (3, 3) of the cost."""
-    scores, information = _scores(views, parameters)
-    odd = (parameters[2] - math.log(_STEEPNESS)) / _STEEPNESS_SPREAD
-    prior = np.array([_logistic(parameters[0]) - 0.5, 0.0, odd / _STEEPNESS_SPREAD])
-    curvature = information / repeats + _curvature(parameters)
-    return prior - scores.sum(axis=0) / repeats, curvature + 1e-9 * np.eye(3)
+    prior = 0.5 * odd**2 - 0.5 * math.log(most * (1.0 - most))
+    slope = np.array([most - 0.5, 0.0, odd / _STEEPNESS_SPREAD])
+    scores, _ = _scores(views, parameters)
+    return prior - np.log(chosen).sum() / repeats, slope - scores.sum(axis=0) / repeats
 
 
 def _curvature(parameters: FloatArray) -> FloatArray:
