@@ -27,8 +27,7 @@ _SIGMAS, _TOLERANCE_RAD = 2.0, math.radians(2.0)
 _SECTOR_WIDTH, _SECTOR_STEP = math.radians(45.0), math.radians(15.0)
 _FEWEST_EVENTS = 30  # in a sector
 _BLIND_SHARE = 0.1  # of its events have a counterpart, at most ...
-_SEEN_ELSEWHERE = 0.5  # ... and of bearings elsewhere at least,
-_SEEN_ELSEWHERE_LIDAR = 0.35  # of the lidar's candidates, of which some are posts
+_SEEN_ELSEWHERE = 0.5  # ... and of those elsewhere at least; fewer where most things are posts
 _OFFSET_BINS = 72  # of 5 deg
 _OFFSET_SPREAD = 2  # bins to either side that belong to a peak
 _LEAST_OFFSET_RAD = math.radians(20.0)
@@ -164,7 +163,7 @@ class LidarAgainstCameras:
         )
 
     def _lidar_blind(self) -> UserError | None:
-        sector = self._sector(lambda entry: (entry.bearings, entry.met), _SEEN_ELSEWHERE)
+        sector = self._sector(lambda entry: (entry.bearings, entry.met))
         if sector is None:
             return None
         return UserError(
@@ -176,7 +175,7 @@ class LidarAgainstCameras:
         )
 
     def _camera_blind(self) -> UserError | None:
-        sector = self._sector(lambda entry: (entry.candidates, entry.seen), _SEEN_ELSEWHERE_LIDAR)
+        sector = self._sector(lambda entry: (entry.candidates, entry.seen))
         if sector is None:
             return None
         return UserError(
@@ -186,7 +185,7 @@ class LidarAgainstCameras:
         )
 
     def _sector(
-        self, events: Callable[[_Compared], tuple[FloatArray, BoolArray]], elsewhere: float
+        self, events: Callable[[_Compared], tuple[FloatArray, BoolArray]]
     ) -> tuple[float, float] | None:
         pairs = [events(entry) for entry in self._compared]
         if not pairs:
@@ -194,17 +193,14 @@ class LidarAgainstCameras:
         return lonely_sector(
             np.concatenate([bearings for bearings, _ in pairs]),
             np.concatenate([met for _, met in pairs]),
-            elsewhere,
         )
 
 
-def lonely_sector(
-    bearings: FloatArray, met: BoolArray, elsewhere: float
-) -> tuple[float, float] | None:
+def lonely_sector(bearings: FloatArray, met: BoolArray) -> tuple[float, float] | None:
     """The sector (from, to) rad where what one sensor sees has no counterpart in the other.
 
-    bearings (n,) rad of what it saw; met (n,): which had one. elsewhere: share of those outside
-    the sector that must have one.
+    bearings (n,) rad of what it saw; met (n,): which had one, as half of those
+    outside the sector must.
     """
     centres = np.arange(-math.pi, math.pi, _SECTOR_STEP)
     inside = np.abs(wrap(bearings - centres[:, None])) < 0.5 * _SECTOR_WIDTH
@@ -213,7 +209,7 @@ def lonely_sector(
     if not lonely.any():
         return None
     outside = ~inside[lonely].any(axis=0)
-    if np.count_nonzero(outside) < _FEWEST_EVENTS or met[outside].mean() < elsewhere:
+    if np.count_nonzero(outside) < _FEWEST_EVENTS or met[outside].mean() < _SEEN_ELSEWHERE:
         return None
     # From the middle of them all, as sectors meet around the circle.
     middle = float(np.angle(np.exp(1j * centres[lonely]).sum()))

@@ -14,7 +14,7 @@ AROUND = np.radians(np.arange(-180.0, 180.0, 0.5))  # 90 in each sector of 45 de
 
 def test_a_sector_where_nothing_is_met_is_named_by_its_borders() -> None:
     away = np.abs(wrap(AROUND - math.radians(170.0)))
-    found = lonely_sector(AROUND, away > math.radians(35.0), 0.5)
+    found = lonely_sector(AROUND, away > math.radians(35.0))
     assert found is not None
     begin, end = np.degrees(found)
     # The grid of sectors is 15 deg fine; it goes around behind the robot.
@@ -26,20 +26,20 @@ def test_a_sector_where_nothing_is_met_is_named_by_its_borders() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
 def test_no_sector_stands_out_where_all_are_alike(share: float) -> None:
     met = RANDOM.random(len(AROUND)) < share
-    assert lonely_sector(AROUND, met, 0.5) is None
+    assert lonely_sector(AROUND, met) is None
 
 
 def test_few_events_say_nothing() -> None:
     few = AROUND[::4]  # 22 in a sector
-    assert lonely_sector(few, np.abs(few) > 0.6, 0.5) is None
-    assert lonely_sector(np.zeros(0), np.zeros(0, dtype=bool), 0.5) is None
+    assert lonely_sector(few, np.abs(few) > 0.6) is None
+    assert lonely_sector(np.zeros(0), np.zeros(0, dtype=bool)) is None
 
 
 def test_elsewhere_there_have_to_be_counterparts() -> None:
-    elsewhere = RANDOM.random(len(AROUND)) < 0.4
-    met = elsewhere & (np.abs(AROUND) > 0.6)
-    assert lonely_sector(AROUND, met, 0.5) is None
-    assert lonely_sector(AROUND, met, 0.35) is not None
+    luck = RANDOM.random(len(AROUND))
+    away = np.abs(AROUND) > 0.6
+    assert lonely_sector(AROUND, (luck < 0.4) & away) is None
+    assert lonely_sector(AROUND, (luck < 0.6) & away) is not None
 
 
 @pytest.mark.parametrize("degrees", [-178, -90, -35, 40, 120, 180])
