@@ -20,10 +20,7 @@ from host.messages import BoolArray, FloatArray, Scan
 _BINS = 1800
 _BIN_RAD = math.tau / _BINS
 _AROUND = 301  # bins by which the usual count in a direction is known
-_EDGE, _BESIDE = (
-    5,
-    21,
-)  # bins that an edge may be blurred over, and those that the usual count is of
+_EDGE, _BESIDE = 5, 21  # bins an edge may be blurred over; those that the usual count is of
 _NOTHING = 0.02  # of the usual: a stray return does not make a pillar transparent
 _LEAST_USUAL = 12.0  # returns in a bin, for none to be significant
 _NARROWEST_RAD, _WIDEST_RAD = math.radians(1.0), 3.1

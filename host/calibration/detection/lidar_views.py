@@ -12,7 +12,7 @@ from host.calibration.gathered import Gathered, Tracks, untracked
 from host.calibration.robust.statistics import ratio_variance
 from host.config import Lidar
 from host.drivers.x4.packets import angle_correction
-from host.geometry import SECTORS, Path, sector, to_parent, wrap
+from host.geometry import SECTORS, Path, sector, to_frame, to_parent, wrap
 from host.messages import BoolArray, FloatArray, Positions, Scan
 from host.perception import turrets
 
@@ -85,9 +85,7 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
         if found.clearance is not None:
             clearances[s] = found.clearance
         for j in np.flatnonzero(plain[s]).tolist():
-            if not behind_something(crossings.places[s, j : j + 1], clearances[s : s + 1], lidar)[
-                0
-            ]:
+            if not behind_something(crossings.places[s, [j]], clearances[[s]], lidar)[0]:
                 rows.append((s, j))
                 measured.append(_view(scan, found, crossings, (s, j), path, lidar))
         if np.isfinite(crossings.ways[s]).all():
@@ -119,9 +117,8 @@ def survey_lidar(gathered: Gathered, tracks: Tracks) -> LidarSurvey:
 
 def _tracked(scans: list[Scan], tracks: Tracks) -> list[Scan]:
     scans = [scan for scan in scans if len(scan.times)]
-    ends = np.array([(scan.times[0], scan.time) for scan in scans]).reshape(-1, 2)
-    known = np.isfinite(tracks.own(ends[:, 0])).all(axis=1)
-    known &= np.isfinite(tracks.own(ends[:, 1])).all(axis=1)
+    starts, ends = np.array([(scan.times[0], scan.time) for scan in scans]).reshape(-1, 2).T
+    known = np.isfinite(np.hstack((tracks.own(starts), tracks.own(ends)))).all(axis=1)
     return [scans[k] for k in np.flatnonzero(known)]
 
 
@@ -177,10 +174,9 @@ def _view(
     nearest = int(np.argmin(np.hypot(*off.T)))
     origin = crossings.origin(scan, float(crossings.times[which]), path)
     ray = (truth - origin) / max(float(np.hypot(*(truth - origin))), 1e-9)
-    along, across = (
-        float(off[nearest] @ ray),
-        float(ray[0] * off[nearest, 1] - ray[1] * off[nearest, 0]),
-    )
+    along, across = to_frame(
+        off[nearest], np.array([0.0, 0.0, math.atan2(ray[1], ray[0])])
+    ).tolist()
     scatter, free = 0.0, 0.0
     if math.hypot(along, across) < GATE_M:
         points = crossings.points(

@@ -29,6 +29,7 @@ def lidar_pictures(
     seen = clear & views.seen
     along, across = 1e3 * survey.offsets[seen].T
     x, y = survey.robots[:, :2].T
+    (false_x, false_y), (thing_x, thing_y) = clutter.places.T, clutter.standing.T
     return [
         _by_range("lidar", views.part(clear), curve),
         _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
@@ -48,12 +49,8 @@ def lidar_pictures(
             y_label="y, m",
             series=(
                 Series(x=x, y=y, label="the robot's path", style="line"),
-                thinned(clutter.places[:, 0], clutter.places[:, 1], "clutter"),
-                thinned(
-                    clutter.standing[:, 0],
-                    clutter.standing[:, 1],
-                    "things that stand there all the time",
-                ),
+                thinned(false_x, false_y, "clutter"),
+                thinned(thing_x, thing_y, "things that stand there all the time"),
             ),
             caption="What stands there all the time is kept as an obstacle and is no clutter.",
             equal=True,
@@ -117,16 +114,12 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
 def _by_bearing(sensor: str, views: Views, sectors: list[FoundSector]) -> ReportPicture:
     edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
     middles, shares = _shares(views.bearings, views.seen, edges)
-    line = np.radians(np.arange(-180.0, 180.0, 0.25))
-    blind = np.zeros(len(line), dtype=bool)
-    for each in sectors:
-        blind |= each.within(line, 0.0)
     series = [Series(x=np.degrees(middles), y=shares, label="detected", style="bars")]
     if sectors:
-        open_share = np.where(blind, 0.0, 1.0)
-        series.append(
-            Series(x=np.degrees(line), y=open_share, label="blind sectors: 0", style="line")
-        )
+        line = np.radians(np.arange(-180.0, 180.0, 0.25))
+        blind = np.any([each.within(line, 0.0) for each in sectors], axis=0)
+        hidden = "blind sectors: 0"
+        series.append(Series(x=np.degrees(line), y=1.0 - blind, label=hidden, style="line"))
     return ReportPicture(
         title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
         x_label="bearing, deg",

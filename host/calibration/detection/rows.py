@@ -1,6 +1,7 @@
 """What was fitted to detection, as rows of the report."""
 
 import math
+import operator
 from collections.abc import Iterable
 
 import numpy as np
@@ -16,6 +17,11 @@ _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
 SHARE_LIMIT = 0.3  # of a noise or a steepness: how well it must be known
 _RATE_LIMIT = 0.5  # of a rate: false detections come in swarms
 _SECTOR_LIMIT_RAD = math.radians(0.5)
+_CURVE = (
+    ("detection_probability", "detection probability close by", ""),
+    ("half_range_m", "half-range", "m"),
+    ("range_steepness_per_m", "steepness", "/m"),
+)
 
 
 def all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -66,12 +72,9 @@ def curve_rows(
     curve = fit_curve(views, configured)
     _, *parts = all_and_halves(views.times)
     halves = [fit_curve(views.part(half), configured) for half in parts if half.any()]
-    before = (config.detection_probability, *configured)
-    keys = "detection_probability", "half_range_m", "range_steepness_per_m"
-    names = "detection probability close by", "half-range", "steepness"
     limits = _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M, SHARE_LIMIT * float(curve.values[2])
     rows = []
-    for k, (key, name, unit) in enumerate(zip(keys, names, ("", "m", "/m"), strict=True)):
+    for k, (key, name, unit) in enumerate(_CURVE):
         fitted = curve.reached or k == 0
         both = [float(half.values[k]) for half in halves if half.reached or k == 0]
         rows.append(
@@ -82,7 +85,7 @@ def curve_rows(
                 value=float(curve.values[k]),
                 sigma=float(curve.sigmas[k]),
                 limit=limits[k] if fitted else None,
-                before=before[k],
+                before=getattr(config, key),
                 halves=(both[0], both[1]) if fitted and len(both) == 2 else None,
                 unit=unit,
             )
@@ -99,19 +102,18 @@ def sector_rows(gathered: Gathered, sectors: list[FoundSector]) -> list[Fitted]:
     rows = []
     for number, sector in enumerate(sectors, 1):
         was = same_sector(sector, before)
-        early, late = same_sector(sector, halves[0]), same_sector(sector, halves[1])
+        early, late = (same_sector(sector, half) for half in halves)
         for quantity in ("centre", "width"):
+            value_of = operator.attrgetter(quantity)
             rows.append(
                 Fitted(
                     key="",
                     name=f"blind sector {number}, {quantity}",
-                    value=getattr(sector, quantity),
+                    value=value_of(sector),
                     sigma=getattr(sector, f"{quantity}_sigma"),
                     limit=_SECTOR_LIMIT_RAD,
-                    before=getattr(was, quantity) if was else None,
-                    halves=(getattr(early, quantity), getattr(late, quantity))
-                    if early and late
-                    else None,
+                    before=value_of(was) if was else None,
+                    halves=(value_of(early), value_of(late)) if early and late else None,
                     unit="deg",
                 )
             )

@@ -30,7 +30,7 @@ from host.calibration.robust.time_offset import (
 )
 from host.errors import UserError
 from host.geometry import to_parent, wrap
-from host.messages import Bodies, FloatArray, IntArray
+from host.messages import FloatArray, IntArray
 
 _DELAYS_S = (-0.5, 1.0)  # that robot.toml may have
 _SCANNED = 500  # turrets that the cost at a delay is of
@@ -210,7 +210,9 @@ def lidar_advice(gathered: Gathered) -> list[str]:
         return ["no revolution of the lidar yet"]
     if not gathered.bodies:
         return ["motion capture has seen nothing yet"]
-    each = slice(None, None, max(round(_THINNED_S * _rate(gathered.bodies)), 1))
+    lasted = gathered.bodies[-1].time - gathered.bodies[0].time
+    frames_per_s = (len(gathered.bodies) - 1) / max(lasted, 1e-9)
+    each = slice(None, None, max(round(_THINNED_S * frames_per_s), 1))
     try:
         tracks = Tracks(gathered.bodies[each], gathered.config.mocap)
     except UserError as error:
@@ -229,8 +231,3 @@ def lidar_advice(gathered: Gathered) -> list[str]:
         *missing_rotations(np.diff(headings[np.isfinite(headings)]), _LEAST_ROTATION),
     ]
     return [text for text in missing if text]
-
-
-def _rate(bodies: list[Bodies]) -> float:
-    """Frames a second."""
-    return (len(bodies) - 1) / max(bodies[-1].time - bodies[0].time, 1e-9)
