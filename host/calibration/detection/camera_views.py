@@ -102,8 +102,7 @@ class _Pictures:
         none and have no width.
         """
         directions = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False, dtype=np.float64)
-        counts = np.zeros(len(self.shown))
-        widths = np.zeros(len(self.shown))
+        counts, widths = np.zeros((2, len(self.shown)))
         places: list[tuple[float, float]] = []
         for s, picture in enumerate(self.shown):
             if not np.isfinite(self.bearings[s]).all():
@@ -187,17 +186,8 @@ def bearing_noise(survey: CameraSurvey, chosen: BoolArray) -> tuple[float, float
     seen = survey.views.seen & chosen
     if seen.sum() < _LEAST_SEEN:
         return math.nan, math.nan
-    return _fit_noise(survey.errors[seen], survey.variances[seen], survey.gate)
+    errors, variances, gate = survey.errors[seen], survey.variances[seen], survey.gate
 
-
-def bearing_noise_sigma(survey: CameraSurvey) -> float:
-    """Standard deviation (rad) of the noise of all views, a jackknife over pieces of the drive."""
-    piece = pieces_of(survey.views.times, _PIECES)
-    others = [bearing_noise(survey, piece != k)[0] for k in range(_PIECES)]
-    return float(jackknife_sigma(np.array(others)))
-
-
-def _fit_noise(errors: FloatArray, variances: FloatArray, gate: float) -> tuple[float, float]:
     def cost(parameters: FloatArray) -> float:
         noise, mean, logit = parameters
         false = 1.0 / (1.0 + math.exp(-logit))
@@ -214,3 +204,10 @@ def _fit_noise(errors: FloatArray, variances: FloatArray, gate: float) -> tuple[
         bounds=((math.log(_LEAST_NOISE_RAD), scale + 2.0), (-gate, gate), (-9.0, 2.0)),
     )
     return math.exp(float(found.x[0])), float(found.x[1])
+
+
+def bearing_noise_sigma(survey: CameraSurvey) -> float:
+    """Standard deviation (rad) of the noise of all views, a jackknife over pieces of the drive."""
+    piece = pieces_of(survey.views.times, _PIECES)
+    others = [bearing_noise(survey, piece != k)[0] for k in range(_PIECES)]
+    return float(jackknife_sigma(np.array(others)))

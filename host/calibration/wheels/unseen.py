@@ -67,10 +67,8 @@ def score_unseen(
                 "fitted_end_error_m": end_error(drive, *fitted, (start, end)),
             }
         )
-    means = {
-        key: float(np.mean([run[key] for run in runs]))
-        for key in ("nominal_end_error_m", "fitted_end_error_m")
-    }
+    errors = "nominal_end_error_m", "fitted_end_error_m"
+    means = {key: float(np.mean([run[key] for run in runs])) for key in errors}
     return {"source": name, **means, "runs": runs}
 
 
