@@ -138,8 +138,8 @@ class LiveSimulation:
         self.camera = LiveCamera(self)
         self._pictures: LiveCameras | None = None
         if scenario.rendered:
-            known, true = self.config.camera, self._simulation.built.camera
-            self._pictures = LiveCameras(folder, scenario, known, true, self._surroundings, clock)
+            nominal, true = self.config.camera, self._simulation.built.camera
+            self._pictures = LiveCameras(folder, scenario, nominal, true, self._surroundings, clock)
             self.config = self.config.model_copy(update={"camera": self._pictures.camera})
         self._running = contextlib.ExitStack()
         self._mocap: NatNetServer | None = None
