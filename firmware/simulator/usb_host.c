@@ -321,6 +321,8 @@ int usb_host_request(usb_host *host, const uint8_t setup[8], int abandoned) {
 }
 
 int usb_host_send(usb_host *host, const uint8_t *data, size_t size) {
+    if (!size) /* before the first byte there is no room yet, which is no failure */
+        return 0;
     uint8_t *sending = grown(host->sending, &host->sending_room, host->sending_end + size, 1);
     if (!sending)
         return -1;

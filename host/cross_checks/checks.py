@@ -66,7 +66,7 @@ class CrossChecks:
     def _agreement(self) -> str:
         pairs = []
         if self._wheels.compared:
-            pairs.append("wheels and lidar agree")
+            pairs.append("no contradiction between wheels and lidar")
         if self._cameras.compared:
-            pairs.append("lidar and cameras agree")
+            pairs.append("no contradiction between lidar and cameras")
         return ", ".join(pairs) or "nothing to compare in the last minute"

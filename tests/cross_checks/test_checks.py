@@ -49,7 +49,7 @@ def test_all_is_well(scenario: str, standing: bool) -> None:
     assert {report.device for report in reports} == {DEVICE}
     assert reports[-1].counts["comparisons"] > 0.75 * reports[-1].time
     assert np.diff([report.time for report in reports]) == pytest.approx(1.0, abs=0.1)
-    assert reports[-1].reason.startswith("wheels and lidar agree")
+    assert reports[-1].reason.startswith("no contradiction between wheels and lidar")
 
 
 @pytest.mark.parametrize(
@@ -101,9 +101,9 @@ def test_without_wheels_or_lidar_nothing_is_compared(crowd: list[Message]) -> No
     assert judged(m for m in crowd if not isinstance(m, Scan)) == []
 
 
-def test_without_cameras_they_are_not_said_to_agree(crowd: list[Message]) -> None:
+def test_without_cameras_nothing_is_said_of_them(crowd: list[Message]) -> None:
     reports = judged(m for m in crowd[:8000] if not isinstance(m, Bearings))
-    assert {report.reason for report in reports} == {"wheels and lidar agree"}
+    assert {report.reason for report in reports} == {"no contradiction between wheels and lidar"}
 
 
 def test_a_lidar_mounted_otherwise_is_read_as_configured(crowd: list[Message]) -> None:

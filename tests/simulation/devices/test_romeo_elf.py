@@ -74,6 +74,12 @@ def test_bytes_flow_while_the_port_is_open(elf: Path) -> None:
     assert board.take() == []
 
 
+def test_no_bytes_may_be_sent_at_any_time(elf: Path) -> None:
+    board = RomeoElf(elf)
+    board.send(b"")
+    assert board.unsent == 0
+
+
 def test_a_host_that_does_not_read_gets_nothing_until_it_does(elf: Path) -> None:
     board = ready(elf)
     board.reading = False
