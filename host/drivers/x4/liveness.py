@@ -27,18 +27,21 @@ _WIDEST_OPEN_DEG = 45
 _WIDEST_COVER_DEG = 180  # a single straight wall leaves more empty than that
 _OUTSTANDING = 1.6  # times as wide as the next widest empty sector
 _FILLED_ELSEWHERE = 0.5
+_FAR_M = 6.0  # walls that end in returns from here on go on beyond the lidar's 10 m
+_BESIDE_DEG = 2  # a wall close by leads away within few degrees
 _BRIDGED_DEG = 30  # a sector that is not judged separates no wider than this
 
 
 @dataclass(frozen=True, slots=True)
 class _Summary:
-    """One revolution. returns (360,): per degree of bearing. extent: degrees with samples."""
+    """One revolution. returns, far (360,): per degree of bearing. extent: degrees with samples."""
 
     time: float
     samples: int
     speed_hz: float
     extent_deg: int
     returns: IntArray
+    far: IntArray
 
 
 class Liveness:
@@ -61,13 +64,14 @@ class Liveness:
         degrees = np.floor(np.degrees(scan.angles + self._heading_rad)).astype(np.intp) % 360
         back = scan.ranges >= NEAREST_M
         returns = np.bincount(degrees[back], minlength=360)
+        far = np.bincount(degrees[scan.ranges >= _FAR_M], minlength=360)
         extent = 10 * np.count_nonzero(np.bincount(degrees // 10, minlength=36))
         same = self._last is not None and np.array_equal(scan.ranges, self._last)
         self._frozen = self._frozen + 1 if same else 0
         self._last = scan.ranges
         self._started = scan.time if self._started is None else self._started
         self._summaries.append(
-            _Summary(scan.time, len(scan.ranges), speed_hz, int(extent), returns)
+            _Summary(scan.time, len(scan.ranges), speed_hz, int(extent), returns, far)
         )
         while self._summaries[0].time < scan.time - SECTOR_WINDOW_S:
             self._summaries.popleft()
@@ -168,7 +172,8 @@ class Liveness:
             return None
         returns = np.sum([summary.returns for summary in self._summaries], axis=0)
         sector = covered_sector(returns > 0, self._judged)
-        if sector is None:
+        far = np.sum([summary.far for summary in self._summaries], axis=0)
+        if sector is None or _is_out_of_reach(sector, returns, far):
             return None
         return UserError(
             f"nothing comes back between {sector[0]} and {sector[1]} deg: "
@@ -212,6 +217,18 @@ def covered_sector(filled: BoolArray, judged: BoolArray) -> tuple[int, int] | No
     ):
         return None
     return _signed(start), _signed(start + width)
+
+
+def _is_out_of_reach(sector: tuple[int, int], returns: IntArray, far: IntArray) -> bool:
+    """Do the walls on both sides of a sector lead away from the lidar, as those of a hall do?
+
+    returns, far (360,): how many came from each degree of bearing, and from beyond _FAR_M.
+    """
+    begin, end = sector
+    return all(
+        2 * far.take(beside, mode="wrap").sum() >= returns.take(beside, mode="wrap").sum()
+        for beside in (np.arange(begin - _BESIDE_DEG, begin), np.arange(end, end + _BESIDE_DEG))
+    )
 
 
 def _breaks(unjudged: BoolArray) -> BoolArray:

@@ -125,6 +125,22 @@ def test_no_sector_is_covered_where_most_directions_are_empty() -> None:
     assert covered_sector(one_wall, judged) is None
 
 
+@pytest.mark.parametrize(("width_m", "depth_m"), [(12.0, 8.0), (15.0, 10.0), (18.0, 9.0)])
+@pytest.mark.parametrize("place", [(0.5, 0.5), (0.5, 4.0), (0.4, 2.0)])
+def test_a_hall_whose_far_end_is_out_of_reach_is_no_cover(
+    width_m: float, depth_m: float, place: tuple[float, float]
+) -> None:
+    x, y = place
+    angles = -(np.arange(700) + 0.5) * 2.0 * math.pi / 700
+    to_x = np.where(np.cos(angles) > 0.0, width_m - x, -x) / np.cos(angles)
+    to_y = np.where(np.sin(angles) > 0.0, depth_m - y, -y) / np.sin(angles)
+    ranges = np.minimum(to_x, to_y)
+    ranges[ranges > 10.0] = 0.0
+    random = np.random.default_rng(1)
+    noise = 0.003 * random.standard_normal((60, 700)) * (ranges > 0.0)
+    assert set(words_of([np.stack((angles, ranges + e), axis=1) for e in noise])) == {""}
+
+
 def test_a_dead_laser_is_named() -> None:
     dead = [points * [1.0, 0.0] for points in room(4.0)]
     assert words_of(dead)[-1] == "all ranges are zero: the laser does not fire"
