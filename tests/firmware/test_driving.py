@@ -31,10 +31,10 @@ class Drive:
         edges: int = 2,
         supply_v: float = NOMINAL_V,
         slip: float = 0.0,
-        runaway_s: float = 0.3,
+        motors: Motors | None = None,
     ) -> None:
         self.config = RobotConfig(
-            wheels=Wheels(counts_per_turn=960 * edges), motors=Motors(runaway_s=runaway_s)
+            wheels=Wheels(counts_per_turn=960 * edges), motors=motors or Motors()
         )
         self.board = RomeoElf(elf, edges)
         self.robot = DrivenRobot(self.board, self.config.wheels, supply_v, (slip, slip))
@@ -81,7 +81,7 @@ def test_a_blocked_wheel_does_not_wind_up(elf: Callable[[int], Path]) -> None:
     released = {}
     for blocked_s in (1.0, 10.0):
         # Of the control alone: with the default both motors go off after 0.3 s (test_runaway.py).
-        drive = Drive(elf(2), runaway_s=0.0)
+        drive = Drive(elf(2), motors=Motors(runaway_s=0.0))
         drive.go(SPEED_MPS, 0.0, 1.0)
         left, _ = drive.robot.wheels
         left.blocked = True

@@ -1,10 +1,12 @@
 """Wheels that do not follow their motors: the real firmware, a motor model, the host's words."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from host.config import Motors
 from tests.firmware.test_driving import NOMINAL_V, SPEED_MPS, Drive
 
 LEFT, RIGHT = 0, 1
@@ -125,7 +127,7 @@ def test_a_blocked_wheel_is_let_go_and_tried_again(elf: Callable[[int], Path]) -
 
 
 def test_a_board_without_encoders_drives_on(elf: Callable[[int], Path]) -> None:
-    drive = Drive(elf(2), runaway_s=0.0)
+    drive = Drive(elf(2), motors=Motors(runaway_s=0.0))
     for wheel in drive.robot.wheels:
         wheel.encoder = 0.0
     drive.go(SPEED_MPS, 0.0, 3.0)
@@ -146,3 +148,23 @@ def test_healthy_wheels_never_trip_it(
     counts = drive.session.counts()
     assert (counts["illegal_left"], counts["illegal_right"]) == (0, 0)
     assert counts["odometry_disagreements"] == 0
+
+
+@pytest.mark.parametrize("acceleration_mps2", [1.5, 20.0])
+@pytest.mark.parametrize("friction", [1.0, 2.0])
+def test_a_robot_of_three_times_the_mass_reverses_on_a_weak_battery(
+    elf: Callable[[int], Path], acceleration_mps2: float, friction: float
+) -> None:
+    drive = Drive(
+        elf(2), supply_v=0.8 * NOMINAL_V, motors=Motors(acceleration_mps2=acceleration_mps2)
+    )
+    for wheel in drive.robot.wheels:
+        motor = wheel.motor
+        wheel.motor = replace(
+            motor,
+            inertia_kg_m2=3.0 * motor.inertia_kg_m2,
+            coulomb_n_m=friction * motor.coulomb_n_m,
+        )
+    for speed_mps in (0.45, -0.45, 0.45):
+        drive.go(speed_mps, 0.0, 1.0)
+    assert drive.session.counts()["runaways"] == 0

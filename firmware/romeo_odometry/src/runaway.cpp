@@ -36,6 +36,9 @@ void RunawayDetector::configure(const settings_frame &settings) {
 bool RunawayDetector::step(uint8_t periods, int32_t position, int16_t asked, int16_t duty,
                            int16_t full_duty) {
     const bool now_forward = duty > 0;
+    if (now_forward != forward) {
+        begun = false;
+    }
     if (!elapsed || now_forward != forward) {
         elapsed = 0;
         forward = now_forward;
@@ -53,8 +56,10 @@ bool RunawayDetector::step(uint8_t periods, int32_t position, int16_t asked, int
     elapsed = sum(elapsed, periods);
     if (progress < 0) {
         mark = position; // it runs out the old way; the time goes on
-    } else if (progress >= LEAST_PROGRESS && is_enough(progress, asked, elapsed > least ? elapsed : least)) {
+    } else if (progress >= LEAST_PROGRESS &&
+               (!begun || is_enough(progress, asked, elapsed > least ? elapsed : least))) {
         elapsed = 0;
+        begun = true;
     }
     return limit && elapsed >= limit;
 }

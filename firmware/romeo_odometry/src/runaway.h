@@ -12,13 +12,17 @@ public:
     void configure(const settings_frame &settings);
 
     // Forget what was seen.
-    void restart() { elapsed = noisy = 0; }
+    void restart() {
+        elapsed = noisy = 0;
+        begun = false;
+    }
 
     // So many control periods have passed, the wheel stands at `position` (ticks, modulo 2^32), is
     // asked to run at `asked` ticks/s, and its motor is now driven with `duty` of `full_duty`. Has it been
     // driven hard for settings.runaway without making a quarter of that speed in the direction
     // of the duty? An encoder that is dead or counts the other way looks so, and a wheel that is
-    // blocked or whose motor has no supply.
+    // blocked or whose motor has no supply. The time begins anew, once, when the wheel first moves
+    // the new way: a heavy robot takes long to run out the old one.
     bool step(uint8_t periods, int32_t position, int16_t asked, int16_t duty, int16_t full_duty);
 
     // The motor is driven, and so many edges came in these periods. Have there been for
@@ -32,5 +36,6 @@ private:
     uint16_t limit = 0;   // periods; 0: never
     uint16_t elapsed = 0; // periods driven hard since the last progress; others count down
     bool forward = false; // the direction of the duty
+    bool begun = false;   // has the wheel moved that way since?
     int32_t mark = 0;     // where progress is counted from
 };
