@@ -16,7 +16,7 @@ from host.messages import Scan
 
 SLOWEST_HZ, FASTEST_HZ = 6.0, 12.0  # the motor's range, by the data sheet
 # The speed is regulated to a few per cent.
-MAX_SAMPLES = round(1.05 * SAMPLE_RATE_HZ / SLOWEST_HZ)
+REVOLUTION_SAMPLES = round(1.05 * SAMPLE_RATE_HZ / SLOWEST_HZ)
 # Revolutions begin at the same angle to 0.4 deg; a packet that ends further than 1 deg beyond a
 # whole revolution belongs to the next one.
 _FULL = UNITS_PER_REVOLUTION + 64
@@ -45,7 +45,7 @@ class Revolution:
 
     def has_room(self, gap: int, span: int, size: int) -> bool:
         """Does a packet of `size` samples belong to it, `gap` and `span` in 1/64 deg?"""
-        return self._angle + gap + span <= _FULL and self.total + size <= MAX_SAMPLES
+        return self._angle + gap + span <= _FULL and self.total + size <= REVOLUTION_SAMPLES
 
     def add(self, header: PacketHeader, gap: int, content: bytes, count: int) -> None:
         """Add a packet, `gap` (1/64 deg) after the last one, with `count` samples before it."""

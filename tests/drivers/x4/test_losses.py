@@ -9,7 +9,7 @@ from host.drivers.x4 import commands
 from host.drivers.x4.formats import unknown_format
 from host.drivers.x4.packets import UNITS_PER_REVOLUTION, encode_packet
 from host.drivers.x4.protocol import ScanDecoder
-from host.drivers.x4.revolution import MAX_SAMPLES
+from host.drivers.x4.revolution import REVOLUTION_SAMPLES
 from host.messages import FloatArray, Scan
 from host.simulation.devices.x4 import X4Emulator
 
@@ -94,8 +94,8 @@ def test_a_revolution_ends_though_the_angle_stands_still() -> None:
     for k in range(300):
         scans += decoder.feed(stuck, k * 0.008)
     assert len(scans) > 5
-    assert max(len(scan.ranges) for scan in scans) <= MAX_SAMPLES
-    assert MAX_SAMPLES < 900
+    assert max(len(scan.ranges) for scan in scans) <= REVOLUTION_SAMPLES
+    assert REVOLUTION_SAMPLES < 900
 
 
 def revolution(start_size: int, bits: int, n: int = 720, first: int = 22_182) -> list[bytes]:
