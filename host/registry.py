@@ -103,6 +103,8 @@ def load_plugin(plugin: str) -> None:
 
 def _import_file(path: Path) -> None:
     """Import a file under its own name, where its classes can be found again (copies, pickles)."""
+    if not path.is_file():
+        raise ImportError(f"there is no file {path}")
     name = path.stem
     loaded = sys.modules.get(name)
     if loaded is not None:

@@ -35,7 +35,7 @@ def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
     It is built with PlatformIO if that is installed and finds what it needs, otherwise with
     Debian's avr-gcc.
     """
-    click.echo("building the firmware (PlatformIO downloads its compiler the first time)")
+    click.echo("building the firmware (the first time it may take some minutes)")
     firmware = romeo_build.build()
     figures = _figures(firmware)
     click.echo(f"built with {firmware.built_with}")

@@ -9,12 +9,12 @@ from host.sessions.figures import Tally, timing
 
 def test_a_summary_has_counts_or_the_reason_there_are_none():
     tally = Tally()
-    tally.take(Health(1.0, "lidar", True, "scanning", {"turns": 7, "turns_torn": 0}))
+    tally.take(Health(1.0, "lidar", True, "scanning", {"revolutions": 7, "revolutions_torn": 0}))
     tally.take(Health(1.0, "board", False, "not found\nplug it in", {"frames": 0}))
     assert told({"seconds": 3.0, **tally.figures(), "devices": tally.devices()}) == {
         "time": "3.0 s",
         "updates": "none: nothing was measured",
-        "lidar": "7 turns",
+        "lidar": "7 revolutions",
         "board": "DOWN: not found; plug it in",
     }
 
@@ -86,9 +86,16 @@ def test_a_replay_is_told_with_its_score():
 
 
 def test_counts_of_devices_are_words_and_one_is_singular():
-    counts = {"replies": 1, "packets": 1, "points_lost": 1, "turns": 2, "late": 3, "busy_ms": 4}
+    counts = {
+        "replies": 1,
+        "packets": 1,
+        "points_lost": 1,
+        "revolutions": 2,
+        "late": 3,
+        "busy_ms": 4,
+    }
     device = {"ok": True, "reason": "scanning", "counts": counts}
     lost = {"ok": False, "reason": "it is gone", "counts": {"connections": 2}}
     lines = told({**RUN, "devices": {"lidar": device, "board": lost}})
-    assert lines["lidar"] == "1 reply, 1 packet, 1 point lost, 2 turns, 3 late, 4 ms busy"
+    assert lines["lidar"] == "1 reply, 1 packet, 1 point lost, 2 revolutions, 3 late, 4 ms busy"
     assert lines["board"] == "DOWN: it is gone (2 connections)"

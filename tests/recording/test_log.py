@@ -88,7 +88,7 @@ def some_messages():
         Scan(1.0, np.array([0.9, 1.0]), np.array([0.0, -3.0]), np.array([0.0, 2.0])),
         Positions(1.0, positions, np.tile(np.eye(2), (2, 1, 1)), identities=np.array([4, -1])),
         Displacement(1.25, 0.25, 0.1, 0.0, -0.2, 1e-5, 1e-6, (3, -4)),
-        Health(1.5, "lidar", False, "gone\nfor ever ü", {"turns": 3}),
+        Health(1.5, "lidar", False, "gone\nfor ever ü", {"revolutions": 3}),
     ]
 
 

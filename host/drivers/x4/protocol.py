@@ -49,8 +49,8 @@ class ScanDecoder:
                 "replies",
                 "points",
                 "points_lost",
-                "turns",
-                "turns_torn",
+                "revolutions",
+                "revolutions_torn",
                 "clock_restarts",
             ),
             0,
@@ -256,8 +256,8 @@ class ScanDecoder:
     def _deliver(self, scans: list[Scan]) -> None:
         """Hand out the revolutions that are complete."""
         for revolution in self._done:
-            self.counts["turns"] += 1
-            self.counts["turns_torn"] += revolution.torn
+            self.counts["revolutions"] += 1
+            self.counts["revolutions_torn"] += revolution.torn
             self.motor_hz = revolution.speed_hz()
             scans.append(revolution.to_scan(self._clock.offset or 0.0))
         self._done.clear()

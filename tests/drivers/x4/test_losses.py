@@ -125,7 +125,7 @@ def test_starts_with_many_samples_and_bits_in_plain_packets_are_read(
     decoder = ScanDecoder()
     scans = decoder.feed(b"".join(packets * 4), 0.0)
     assert [len(scan.ranges) for scan in scans] == [720] * 3
-    assert decoder.counts["bytes_skipped"] == decoder.counts["turns_torn"] == 0
+    assert decoder.counts["bytes_skipped"] == decoder.counts["revolutions_torn"] == 0
     assert decoder.counts["points_lost"] == 0
     assert unknown_format(b"".join(packets)) is None
 

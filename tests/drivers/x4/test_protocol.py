@@ -95,7 +95,7 @@ def test_points_equal_a_decoder_written_from_the_table(seed: int) -> None:
         assert scan.angles.max() < math.pi
         assert scan.time == scan.times[-1]
     assert decoder.counts["packets"] == len(packets) - 1  # nothing yet confirms the last one
-    assert decoder.counts["bytes_skipped"] == decoder.counts["turns_torn"] == 0
+    assert decoder.counts["bytes_skipped"] == decoder.counts["revolutions_torn"] == 0
 
 
 def test_points_equal_lds2d() -> None:
@@ -291,7 +291,7 @@ def test_a_lost_start_of_a_turn_does_not_join_two_turns() -> None:
     assert sizes[0] == sizes[3] == 600
     assert sizes[1] + sizes[2] == 1199
     assert abs(sizes[1] - 600) <= 40
-    assert decoder.counts["turns_torn"] >= 1
+    assert decoder.counts["revolutions_torn"] >= 1
 
 
 def arrivals(packets: list[bytes], rate_hz: float, random: np.random.Generator) -> list[float]:
