@@ -1,15 +1,18 @@
 """A NatNet frame of motion capture: bytes ↔ values, versions 2.7 to 4.x, little-endian.
 
     number (4) | marker sets | other markers | rigid bodies | skeletons | assets (4.1)
-    | labelled markers | force plates (2.9) | devices (2.11) | timecode (4 + 4) | timestamp (8)
+    | labelled markers | force plates (2.9) | devices (2.11) | latency (4; only before 3.0)
+    | timecode (4 + 4) | timestamp (8)
     | stamps of mid-exposure, reception and transmission (3 x 8; 3.0) | precise time (4 + 4; 4.1)
     | flags (2) | end (4)
 
 A section is a count and that many items; from 4.1 its size in bytes stands between the two, so
 that a section nobody needs is skipped in one step. Only rigid bodies and the end are read, the
 rest is walked over. A frame has no checksum: it is taken only if it is used up exactly.
-Source: the packet layout of OptiTrack's NatNet SDK 2.7 to 4.1. Its Python sample reads the precise
-time from 4.0 and its C++ sample from 4.1; 4.0 is read either way here, by what is left of it.
+Source: the packet layout of OptiTrack's NatNet SDK 2.7 to 4.1, and recorded frames. Its Python
+sample reads the precise time from 4.0 and its C++ sample from 4.1; 4.0 is read either way here, by
+what is left of it. The Python sample leaves out the latency; Motive 1.7.2 and 1.9 send it, with
+the timestamp's value in it.
 """
 
 import math
@@ -109,6 +112,7 @@ class _Cursor:
 
 
 _INT = struct.Struct("<i")
+_LATENCY = struct.Struct("<f")
 _TIMECODE = struct.Struct("<II")
 _TIMESTAMP = struct.Struct("<d")
 _STAMPS = struct.Struct("<QQQ")
@@ -202,6 +206,8 @@ def _read_bodies(cursor: _Cursor, version: Version) -> list[tuple[Any, ...]]:
 def _read_end(
     cursor: _Cursor, version: Version, number: int, bodies: list[tuple[Any, ...]]
 ) -> MocapFrame:
+    if version < (3, 0):
+        cursor.skip(_LATENCY.size)
     timecode, subframe = cursor.unpack(_TIMECODE)
     (timestamp,) = cursor.unpack(_TIMESTAMP)
     stamps = cursor.unpack(_STAMPS) if version >= (3, 0) else (0, 0, 0)
@@ -253,6 +259,7 @@ def encode_frame(frame: MocapFrame, version: Version) -> bytes:
     parts = [
         _INT.pack(frame.number) + 2 * empty,
         _INT.pack(len(bodies)) + size + data + after * empty,
+        _LATENCY.pack(frame.timestamp) if version < (3, 0) else b"",
         _TIMECODE.pack(*frame.timecode) + _TIMESTAMP.pack(frame.timestamp),
     ]
     if version >= (3, 0):

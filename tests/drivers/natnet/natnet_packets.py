@@ -92,6 +92,8 @@ def full_packet(rng, version, bodies=3, precise=None):
         packet += section(channels(rng, 1), channels(rng, 2))
     if version >= (2, 11):
         packet += section(channels(rng, 3))
+    if version < (3, 0):
+        packet += struct.pack("<f", rng.uniform(1, 9e3))
     packet += struct.pack("<II", rng.randrange(99), 4) + struct.pack("<d", rng.uniform(1, 9e3))
     if version >= (3, 0):
         packet += struct.pack("<QQQ", *(rng.randrange(1, 2**53) for _ in range(3)))

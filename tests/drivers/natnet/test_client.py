@@ -141,9 +141,10 @@ def test_multicast(multicast):
     assert np.median(np.abs(errors)) < 0.001
 
 
-def test_a_server_without_a_clock_is_stamped_by_arrival():
+@pytest.mark.parametrize("version", [(2, 7), (2, 9), (2, 11)])
+def test_a_server_without_a_clock_is_stamped_by_arrival(version):
     robots = Robots()
-    with NatNetServer(robots, version=(2, 10)) as server, Running(server.config) as client:
+    with NatNetServer(robots, version=version) as server, Running(server.config) as client:
         heard = client.bodies(30)
         client.until_says("stamped on arrival", ok=True)
     late = [each.time - robots.start - each.poses[0, 0] for each in heard[10:]]
