@@ -4,9 +4,11 @@ Deterministic: it goes by the messages' own times alone, so the same messages in
 give bit-identical estimates, live or replayed.
 """
 
+import copy
 import dataclasses
 import heapq
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,6 +30,10 @@ _TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
 _ALONE_S = 2.0  # without a measurement for so long the filter follows the odometry
 
 
+def unnoticed(measurement: Measurement) -> None:
+    """A measurement whose use nobody asks about."""
+
+
 class Localizer:
     """Feeds one filter with scans, positions, bearings and displacements.
 
@@ -35,15 +41,23 @@ class Localizer:
     carried through the odometry into the filter's present frame.
     """
 
-    def __init__(self, config: RobotConfig, estimator: Filter) -> None:
+    def __init__(
+        self,
+        config: RobotConfig,
+        estimator: Filter,
+        used: Callable[[Measurement], None] = unnoticed,
+    ) -> None:
+        """used: called with each measurement, as it came, once its estimate is made."""
         self.dropped = 0  # measurements that came too late
         self._config = config
         self._filter = estimator
+        self._used = used
         self._path = Path()
         self._waiting: list[tuple[float, int, Measurement]] = []
         self._count = 0
         self._time = -math.inf  # of the filter
         self._newest = -math.inf  # time of the newest message
+        self.measured = -math.inf  # time of the newest measurement that was used
 
     def handle(self, message: Measurement | Displacement) -> list[Estimate]:
         """Take in one message; return an estimate for each measurement that was used.
@@ -57,6 +71,18 @@ class Localizer:
         heapq.heappush(self._waiting, (message.time, self._count, message))
         self._count += 1
         return self._release(self._until())
+
+    def ahead(self, time: float) -> Estimate | None:
+        """What the filter would report at `time` (s) if nothing more came; None before it began.
+
+        The filter itself stays where it is: what comes late is still used in its order.
+        """
+        if not math.isfinite(self._time):
+            return None
+        filter_ = copy.deepcopy(self._filter)
+        if time > self._time:
+            filter_.predict(self._path.between(self._time, time))
+        return filter_.estimate()
 
     def finish(self) -> list[Estimate]:
         """Use what still waits for odometry: no more messages will come."""
@@ -95,10 +121,14 @@ class Localizer:
     def _use(self, measurement: Measurement) -> Estimate:
         if measurement.time > self._time:
             self._predict(measurement.time)
-        if isinstance(measurement, Scan):
-            measurement = turrets.find(measurement, self._config.lidar, self._path)
-        self._filter.update(self._to_present(measurement))
-        return self._filter.estimate()
+        self.measured = max(self.measured, measurement.time)
+        readings = measurement
+        if isinstance(readings, Scan):
+            readings = turrets.find(readings, self._config.lidar, self._path)
+        self._filter.update(self._to_present(readings))
+        estimate = self._filter.estimate()
+        self._used(measurement)
+        return estimate
 
     def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
         """The same readings in the robot frame at the filter's time; they keep their lag."""

@@ -4,10 +4,12 @@ A device that fails is reported as Health and the rest goes on; so is a sink. Wh
 consumed, in its order, and what it made of it, goes to every sink.
 """
 
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -18,6 +20,7 @@ from host.messages import Bearings, Displacement, Estimate, Health, Message, Pos
 
 CAPACITY = 256  # messages: some 3 s of them
 _HEALTH_S = 1.0
+_NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
 _POLL_S = 0.1
 _JOIN_S = 5.0  # for a device to stop its motor and close its port
@@ -30,6 +33,23 @@ class Source(Protocol):
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit messages until `stop` is set."""
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """What is known at this moment, whenever it was measured.
+
+    estimate: predicted to now, so that ages grow and what is not seen any more fades. measured s:
+    the time of the newest reading in it. truth: at the estimate's time, where it is known.
+    """
+
+    estimate: Estimate
+    measured: float
+    truth: Truth | None = None
+
+
+def unwatched(now: Now) -> None:
+    """A run of which nobody asks what is known now."""
 
 
 class MessageQueue:
@@ -87,7 +107,8 @@ class Pipeline:
     sources, sinks: by the name that Health calls them. truth: where the teammates are at a time
     (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
     is set where the localizer fails. failures: by name, what ended a part before its time.
-    checks: compare the sensors with each other; None: nobody does.
+    checks: compare the sensors with each other; None: nobody does. watch: told ten times a second
+    what is known now, in the localizer's thread.
     """
 
     def __init__(
@@ -98,6 +119,7 @@ class Pipeline:
         truth: Callable[[float], Truth] | None = None,
         clock: Callable[[], float] = time.monotonic,
         checks: CrossChecks | None = None,
+        watch: Callable[[Now], None] = unwatched,
     ) -> None:
         self.stop = threading.Event()
         self.failures: dict[str, Exception] = {}
@@ -106,6 +128,8 @@ class Pipeline:
         self._truth = truth
         self._clock = clock
         self._checks = checks
+        self._watch = watch
+        self._next_look = -math.inf
         self._queue = MessageQueue()
         self._sources = [
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
@@ -160,6 +184,7 @@ class Pipeline:
                 message = self._queue.take(_POLL_S)
                 if message is not None:
                     self._handle(message)
+                self._look()
                 self._report()
             self._publish(self._localizer.finish())
         except Exception as error:
@@ -195,6 +220,23 @@ class Pipeline:
                 # A full disk ends the recording, not the run.
                 del self._sinks[name]
                 self._report_failure(name, error, self._deliver)
+
+    def _look(self) -> None:
+        """Tell the watcher what is known now, when it is due."""
+        now = self._clock()
+        if self._watch is unwatched or now < self._next_look:
+            return
+        estimate = self._localizer.ahead(now)
+        if estimate is None:
+            return
+        self._next_look = now + _NOW_S
+        truth = None if self._truth is None else self._truth(now)
+        try:
+            self._watch(Now(estimate, self._localizer.measured, truth))
+        except Exception as error:
+            # As with a sink: who watches cannot end the run.
+            self._watch = unwatched
+            self._report_failure("watcher", error, self._deliver)
 
     def _report(self) -> None:
         """Report the localizer's own health, once a second or as soon as it can."""

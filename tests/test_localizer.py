@@ -349,3 +349,24 @@ def test_what_was_old_when_it_came_keeps_its_age() -> None:
     assert isinstance(positions, Positions)
     assert bearings.lag == pytest.approx(0.35)
     assert positions.lags == pytest.approx([0.1, 0.3, 0.4])
+
+
+def test_a_look_ahead_is_what_the_filter_would_predict_and_changes_nothing() -> None:
+    simulation = Simulation(parse_scenario("arena4:seconds=8,seed=5"), CONFIG)
+    messages = [m for m in simulation.messages() if isinstance(m, Scan | Bearings | Displacement)]
+    config = simulation.config
+    looked, undisturbed = (Localizer(config, make("phd", config)) for _ in range(2))
+    assert looked.ahead(1.0) is None
+    for message in messages:
+        made, expected = looked.handle(message), undisturbed.handle(message)
+        assert [e.positions.tobytes() for e in made] == [e.positions.tobytes() for e in expected]
+        looked.ahead(message.time + 0.3)
+    now = looked.ahead(messages[-1].time)
+    later = looked.ahead(messages[-1].time + 0.5)
+    assert now is not None
+    assert later is not None
+    assert len(later.positions) <= len(now.positions) > 0
+    by_label = dict(zip(now.labels.tolist(), now.ages.tolist(), strict=True))
+    for label, age in zip(later.labels.tolist(), later.ages.tolist(), strict=True):
+        assert age == pytest.approx(by_label[label] + 0.5)
+    assert looked.measured <= messages[-1].time

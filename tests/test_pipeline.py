@@ -12,7 +12,7 @@ from host.errors import UserError
 from host.estimator.last_reading import LastReading
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Positions, Truth
-from host.pipeline import MessageQueue, Pipeline
+from host.pipeline import MessageQueue, Now, Pipeline
 
 LONG_S = 20.0  # a bound on waiting, not on speed
 
@@ -275,3 +275,33 @@ def test_what_the_cross_checks_report_reaches_the_sinks():
     ):
         inbox.wait_for(lambda m: isinstance(m, Health) and m.reason == "contradiction")
     assert len([m for m in inbox.of(Health) if m.device == "cross-check"]) == 1
+
+
+def test_what_is_known_now_grows_older_when_nothing_more_is_measured():
+    looks, clock = Inbox(), [1.0]
+
+    def truth(time):
+        return Truth(time, np.array([1]), np.array([[time, 0.0]]))
+
+    source = Emits(a_step(1.0), a_reading(1.0))
+    with Pipeline(a_localizer(), {"board": source}, {}, truth, lambda: clock[0], watch=looks):
+        first = looks.wait_for(lambda now: len(now.estimate.positions) == 1)
+        clock[0] = 2.5
+        later = looks.wait_for(lambda now: now.estimate.time == 2.5)
+    assert (first.measured, later.measured) == (1.0, 1.0)
+    assert later.truth.time == 2.5
+    assert later.estimate.ages - first.estimate.ages == pytest.approx([2.5 - first.estimate.time])
+    assert (later.estimate.covariances[0] >= first.estimate.covariances[0]).all()
+
+
+def test_a_watcher_that_fails_is_told_and_the_rest_goes_on():
+    inbox = Inbox()
+
+    def broken(now: Now):
+        raise OSError("the terminal is gone")
+
+    source = Emits(a_step(0.1), a_reading(0.1))
+    with Pipeline(a_localizer(), {"board": source}, {"inbox": inbox}, watch=broken) as pipeline:
+        told = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "watcher")
+        assert not pipeline.stop.is_set()
+    assert "the terminal is gone" in told.reason

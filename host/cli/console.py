@@ -10,7 +10,6 @@ import shutil
 import textwrap
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TextIO
@@ -19,12 +18,14 @@ import numpy as np
 
 from host.errors import one_line
 from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Estimate, FloatArray, Health, Message, Truth
+from host.messages import Estimate, FloatArray, Health
+from host.pipeline import Now
 
 FRAME_S = 0.2
 LINE_S = 1.0
 _WIDEST = 100  # columns: longer lines are hard to read
 _OLD_S = 1.0
+_SILENT_S = 0.6  # some revolutions: then the sensors say nothing
 _HOME, _TO_LINE_END, _TO_SCREEN_END = "\x1b[H", "\x1b[K", "\x1b[J"
 _CLEAR, _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[2J", "\x1b[?25l", "\x1b[?25h"
 _CODES = {"bold": "1", "dim": "2", "red": "31;1", "green": "32", "": ""}
@@ -47,7 +48,8 @@ def coloured(text: str, style: str) -> str:
 class State:
     """What the screen shows. title: what runs; filter_name, sensors: as chosen.
 
-    seconds: since the start; real_time_factor: measured seconds per second of the clock.
+    seconds: since the start; real_time_factor: measured seconds per second of the clock. now: the
+    newest look at what is known.
     """
 
     title: str
@@ -55,26 +57,20 @@ class State:
     sensors: str
     seconds: float = 0.0
     real_time_factor: float = math.nan
-    estimate: Estimate | None = None
+    now: Now | None = None
     devices: dict[str, Health] = field(default_factory=dict)
-    truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=8))  # the last ones
 
-    def take(self, message: Message) -> None:
-        """Note what a message says."""
-        if isinstance(message, Estimate):
-            self.estimate = message
-        elif isinstance(message, Truth):
-            self.truths.append(message)
-        elif isinstance(message, Health):
-            self.devices[message.device] = message
+    def take(self, news: Now | Health) -> None:
+        """Note what is known now, or how a device does."""
+        if isinstance(news, Now):
+            self.now = news
+        else:
+            self.devices[news.device] = news
 
     @property
-    def truth(self) -> Truth | None:
-        """Truth at the estimate's time, or close to it; it may come before or after."""
-        if self.estimate is None or not self.truths:
-            return None
-        time = self.estimate.time
-        return min(self.truths, key=lambda truth: abs(truth.time - time))
+    def silent_s(self) -> float:
+        """How long nothing was measured that the estimate could use, s."""
+        return 0.0 if self.now is None else self.now.estimate.time - self.now.measured
 
 
 def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
@@ -92,6 +88,8 @@ def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
 def line(state: State) -> str:
     """One second of the run on one line."""
     parts = [f"{state.seconds:7.1f} s", _tally(state)]
+    if state.silent_s > _SILENT_S:
+        parts.append(f"nothing measured for {state.silent_s:.1f} s")
     parts += [f"{name} {'ok' if h.ok else 'DOWN'}" for name, h in state.devices.items()]
     return "  ".join(parts)
 
@@ -99,9 +97,8 @@ def line(state: State) -> str:
 def _header(state: State, width: int, paint: Paint) -> list[str]:
     minutes, seconds = divmod(state.seconds, 60.0)
     clock = f"{minutes:02.0f}:{seconds:04.1f}" if minutes < 100 else f"{minutes:.0f} min"
-    factor = (
-        "" if math.isnan(state.real_time_factor) else f"   real time x{state.real_time_factor:.2f}"
-    )
+    known = not math.isnan(state.real_time_factor) and state.silent_s <= _SILENT_S
+    factor = f"   real time x{state.real_time_factor:.2f}" if known else ""
     return [
         paint(f"swarmloc   {state.title}"[:width], "bold"),
         f"{clock}   filter {state.filter_name}   sensors {state.sensors}{factor}"[:width],
@@ -109,20 +106,30 @@ def _header(state: State, width: int, paint: Paint) -> list[str]:
 
 
 def _table(state: State, paint: Paint) -> list[str]:
-    estimate, truth = state.estimate, state.truth
     heading = _COLUMNS.format(
         "no", "x m", "y m", "dist m", "bearing deg", "sigma mm", "weight", "age s"
     )
+    if state.now is None:
+        return [paint(heading, "dim"), "  no estimate yet", "", paint(_tally(state), "bold")]
+    estimate, truth = state.now.estimate, state.now.truth
     if truth is not None:
         heading += f" {'error mm':>9}"
     lines = [paint(heading, "dim")]
-    if estimate is not None:
-        errors = None if truth is None else errors_m(estimate, truth)
-        for k in np.argsort(estimate.labels, kind="stable"):
-            lines.append(_teammate(estimate, int(k), errors, paint))
+    errors = None if truth is None else errors_m(estimate, truth)
+    for k in np.argsort(estimate.labels, kind="stable"):
+        lines.append(_teammate(estimate, int(k), errors, paint))
     if len(lines) == 1:
-        lines.append("  no teammate in sight" if estimate is not None else "  no estimate yet")
-    return [*lines, "", paint(_tally(state), "bold")]
+        lines.append("  no teammate in sight")
+    lines += ["", paint(_tally(state), "bold")]
+    if state.silent_s > _SILENT_S:
+        lines.append(paint(_silence(state.silent_s), "red"))
+    return lines
+
+
+def _silence(silent_s: float) -> str:
+    return (
+        f"nothing was measured for {silent_s:.1f} s: what stands here is a guess that grows older"
+    )
 
 
 def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Paint) -> str:
@@ -148,19 +155,23 @@ def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Pain
 
 
 def _tally(state: State) -> str:
-    estimate, truth = state.estimate, state.truth
-    if estimate is None:
+    if state.now is None:
         return "no estimate yet"
+    estimate, truth = state.now.estimate, state.now.truth
     count = len(estimate.positions)
     words = f"{count} teammate{'' if count == 1 else 's'}"
     if truth is None:
         return words
-    in_range = int(np.sum(np.linalg.norm(truth.positions, axis=1) <= RANGE_M))
-    words += f" ({in_range} truly within {RANGE_M:.1f} m"
+    near, truly = (_in_range(each.positions) for each in (estimate, truth))
+    words += f"; within {RANGE_M:.1f} m {near}, truly {truly}"
     errors = errors_m(estimate, truth)
     if not np.all(np.isnan(errors)):
-        words += f", mean error {1000.0 * np.nanmean(errors):.0f} mm"
-    return words + ")"
+        words += f"; mean error {1000.0 * np.nanmean(errors):.0f} mm"
+    return words
+
+
+def _in_range(positions: FloatArray) -> int:
+    return int(np.sum(np.linalg.norm(positions, axis=1) <= RANGE_M))
 
 
 def _devices(state: State, width: int, paint: Paint) -> list[str]:
@@ -175,7 +186,7 @@ def _devices(state: State, width: int, paint: Paint) -> list[str]:
 
 
 class Console:
-    """Takes messages from any thread (`take`) and draws what they say (`draw`), each at its pace.
+    """Takes news from any thread (`take`) and draws what they say (`draw`), each at its pace.
 
     out: where to. clock: host time, s, from which `seconds` counts.
     """
@@ -193,12 +204,12 @@ class Console:
         self._opened = False
         self._next_line = self._start + LINE_S
         self._shown: dict[str, tuple[bool, str]] = {}
-        self._progress: list[tuple[float, float]] = []  # clock, time of the newest estimate
+        self._progress: list[tuple[float, float]] = []  # clock, time of the newest reading
 
-    def take(self, message: Message) -> None:
-        """Note a message for the next drawing."""
+    def take(self, news: Now | Health) -> None:
+        """Note something for the next drawing."""
         with self._lock:
-            self._state.take(message)
+            self._state.take(news)
 
     def draw(self) -> None:
         """Draw what is due now."""
@@ -219,9 +230,9 @@ class Console:
 
     def _measure_pace(self, now: float) -> None:
         """How much time was measured in each second of the clock, over the last five."""
-        if self._state.estimate is None:
+        if self._state.now is None:
             return
-        self._progress.append((now, self._state.estimate.time))
+        self._progress.append((now, self._state.now.measured))
         self._progress = [entry for entry in self._progress if entry[0] >= now - 5.0]
         (first, begin), (last, end) = self._progress[0], self._progress[-1]
         if last > first + 1.0:

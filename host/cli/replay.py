@@ -4,6 +4,7 @@ import contextlib
 import math
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from host.cli import options
 from host.cli.console import FRAME_S, Console, State
 from host.cli.summary import summary
 from host.messages import Displacement, Estimate, Health, Message, Truth
+from host.pipeline import Now
 from host.recording.log import SUFFIX, Recording
 from host.sessions.replaying import replay_recording
 from host.sessions.robot import robot_configuration, with_filter
@@ -28,29 +30,41 @@ class Player:
         self._start = time.monotonic()
         self._first = math.nan
         self._next_frame = self._start
+        self._estimate: Estimate | None = None
+        self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
 
     def take(self, message: Message | None, made: Sequence[Estimate]) -> None:
         """Wait until a message is due, then show it and what was made of it."""
-        if isinstance(message, Health | Truth):
+        if isinstance(message, Health):
             self._console.take(message)
+        elif isinstance(message, Truth):
+            self._truths.append(message)
         elif isinstance(message, Displacement):  # they come all the time, and at once
             self._first = message.time if math.isnan(self._first) else self._first
             self._wait((message.time - self._first) / self._speed)
-        for estimate in made:
-            self._console.take(estimate)
+        if made:
+            self._estimate = made[-1]
         if message is None:
-            self._console.draw()
+            self._draw()
 
     def close(self) -> None:
         """Give the terminal back."""
         self._console.close()
+
+    def _draw(self) -> None:
+        """The newest estimate, with the truth that is closest to it in time, before or after."""
+        if self._estimate is not None:
+            time = self._estimate.time
+            truth = min(self._truths, key=lambda each: abs(each.time - time), default=None)
+            self._console.take(Now(self._estimate, time, truth))
+        self._console.draw()
 
     def _wait(self, due: float) -> None:
         while True:
             now = time.monotonic()
             if now >= self._next_frame:
                 self._next_frame = now + FRAME_S
-                self._console.draw()
+                self._draw()
             left = self._start + due - now
             if left <= 0.0:
                 return

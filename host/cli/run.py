@@ -15,6 +15,7 @@ from host.cli.console import FRAME_S, Console, State
 from host.cli.signals import signals_caught
 from host.cli.summary import summary
 from host.errors import UserError
+from host.messages import Health, Message
 from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration
 from host.sessions.running import RunOutcome, run_devices
@@ -128,6 +129,12 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
         )
 
 
+def _show_health(console: Console, message: Message) -> None:
+    """The part of what was measured and estimated that the screen does not get as known now."""
+    if isinstance(message, Health):
+        console.take(message)
+
+
 def _show_run(rig: Rig, seconds: float | None, record: Path | None) -> RunOutcome:
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure."""
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
@@ -136,7 +143,8 @@ def _show_run(rig: Rig, seconds: float | None, record: Path | None) -> RunOutcom
     with contextlib.closing(console), signals_caught() as signalled:
         return run_devices(
             rig,
-            {"screen": console.take},
+            {"screen": lambda message: _show_health(console, message)},
+            now=console.take,
             seconds=seconds,
             record=record,
             stopped=signalled,

@@ -21,6 +21,8 @@ def summary(figures: Mapping[str, Any]) -> str:
         if "gospa_m" in figures:
             lines |= _scores(figures)
     lines["updates"] = _updates(figures)
+    if figures.get("latency_ms"):
+        lines["latency"] = _latency(figures["latency_ms"])
     if "cpu_share_of_one_core" in figures:
         lines["load"] = f"{figures['cpu_share_of_one_core']:.2f} of one core"
     if "simulated_board" in figures:
@@ -71,6 +73,14 @@ def _updates(figures: Mapping[str, Any]) -> str:
         text += f" ({figures['updates_per_s']:.1f}/s)"
     median, p99 = figures["update_ms_median"], figures["update_ms_p99"]
     return text if median is None else f"{text}, {median:.2f} ms median, {p99:.1f} ms p99"
+
+
+def _latency(delays_ms: Mapping[str, Mapping[str, float]]) -> str:
+    """From the end of a revolution, or the exposure of a picture, to the estimate made of it."""
+    return "; ".join(
+        f"{name} {delay['median']:.0f} ms median, {delay['p99']:.0f} ms p99"
+        for name, delay in delays_ms.items()
+    )
 
 
 def _device(device: Mapping[str, Any]) -> str:

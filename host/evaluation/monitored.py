@@ -1,5 +1,6 @@
 """A filter with what an evaluation needs around it: timing, labels from truth, kept estimates."""
 
+import copy
 from collections.abc import MutableSequence
 from time import perf_counter
 
@@ -30,6 +31,10 @@ class MonitoredFilter:
         self._track = track
         self._predicting = 0.0
         self._after_positions = False
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Filter:
+        """A copy of the filter alone: what is tried on a copy is not to be noted."""
+        return copy.deepcopy(self._filter, memo)
 
     def predict(self, motion: Displacement) -> None:
         """As the filter's."""

@@ -1,13 +1,15 @@
 """The figures of a run or a replay, by name."""
 
 import math
-from collections.abc import Sequence
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Estimate, Health, Message, Truth
+from host.messages import Bearings, Estimate, Health, Measurement, Message, Truth
 
 
 class Tally:
@@ -52,6 +54,36 @@ class Tally:
         return {
             name: {"ok": health.ok, "reason": health.reason, "counts": health.counts}
             for name, health in self.health.items()
+        }
+
+
+class Delays:
+    """From a measurement to the estimate made of it: what a run's summary says of it.
+
+    A scan counts from the end of its revolution, bearings from the exposure of their picture.
+    clock: host time, s.
+    """
+
+    _KEPT = 100_000  # the last ones, of hours: a run may go on for days
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._seconds: dict[str, deque[float]] = {}
+
+    def note(self, measurement: Measurement) -> None:
+        """Its estimate is there now."""
+        name = "camera" if isinstance(measurement, Bearings) else "lidar"
+        kept = self._seconds.setdefault(name, deque(maxlen=self._KEPT))
+        kept.append(self._clock() - measurement.time)
+
+    def figures(self) -> dict[str, dict[str, float | None]]:
+        """By sensor, in ms: median and p99."""
+        return {
+            name: {
+                "median": rounded(1000.0 * np.median(seconds)),
+                "p99": rounded(1000.0 * np.percentile(seconds, 99.0)),
+            }
+            for name, seconds in self._seconds.items()
         }
 
 

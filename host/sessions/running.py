@@ -13,9 +13,9 @@ from host.cross_checks.checks import CrossChecks
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
-from host.pipeline import Pipeline, Sink
+from host.pipeline import Now, Pipeline, Sink, unwatched
 from host.recording.log import Recorder, RecordingHeader
-from host.sessions.figures import Tally, timing
+from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
 
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
@@ -47,16 +47,19 @@ def run_devices(
     stopped: Callable[[], bool] = never,
     watch: Callable[[], None] = nothing,
     watch_every_s: float = 0.2,
+    now: Callable[[Now], None] = unwatched,
 ) -> RunOutcome:
     """Run until `stopped()`, for `seconds` or until the localizer fails.
 
     sinks: by the name that Health calls them; each gets every message, in the localizer's thread.
     record: the recording to write. watch: called in this thread every `watch_every_s`, and at the
-    end. Raises UserError where the recording cannot be begun.
+    end. now: told ten times a second what is known at that moment, in the localizer's thread.
+    Raises UserError where the recording cannot be begun.
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
-    localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds))
+    delays = Delays()
+    localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), delays.note)
     tally = Tally()
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}
@@ -70,6 +73,7 @@ def run_devices(
             {**all_sinks, **sinks},
             rig.truth,
             checks=CrossChecks(rig.config),
+            watch=now,
         ) as pipeline:
             _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
@@ -79,6 +83,7 @@ def run_devices(
         **tally.figures(),
         "updates_per_s": round(tally.estimates / wall, 1),
         **timing(update_seconds),
+        "latency_ms": delays.figures(),
         "cpu_share_of_one_core": round(cpu / wall, 2),
         "devices": tally.devices(),
     }

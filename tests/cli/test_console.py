@@ -10,6 +10,7 @@ from host.cli import console
 from host.cli.console import Console, State, coloured, frame, line
 from host.evaluation.truth_scoring import errors_m
 from host.messages import Estimate, Health, Truth
+from host.pipeline import Now
 
 LONG_REASON = "cannot open /dev/ttyUSB0\nno such device is plugged in\n" + "check the plug " * 9
 
@@ -27,15 +28,20 @@ def an_estimate(positions, time=1.0, ages=None, labels=None, sigma=0.02):
     )
 
 
+def now_known(positions, truth=None, measured=None, **about):
+    estimate = an_estimate(positions, **about)
+    return Now(estimate, estimate.time if measured is None else measured, truth)
+
+
 def a_truth(positions, time=1.0):
     positions = np.array(positions, dtype=float).reshape(-1, 2)
     return Truth(time, np.arange(len(positions)), positions)
 
 
-def a_state(*messages):
+def a_state(*news):
     state = State("arena4 (simulated)", "phd", "lidar+camera")
-    for message in messages:
-        state.take(message)
+    for each in news:
+        state.take(each)
     return state
 
 
@@ -59,45 +65,53 @@ class Output(io.StringIO):
 
 
 def test_a_row_tells_place_distance_bearing_and_error_in_the_units_of_its_heading():
-    state = a_state(an_estimate([[0.3, -0.4]], ages=[0.25]), a_truth([[0.3, -0.38], [9.0, 0.0]]))
+    state = a_state(now_known([[0.3, -0.4]], a_truth([[0.3, -0.38], [9.0, 0.0]]), ages=[0.25]))
     heading, row = (text for text in frame(state, 80)[3:5])
     assert heading.split("  ")[-1].strip() == "error mm"
     assert cells(row) == ["1", "+0.300", "-0.400", "0.500", "-53.1", "20", "0.90", "0.2", "20"]
-    assert "1 teammate (1 truly within 2.0 m, mean error 20 mm)" in frame(state, 80)
+    assert "1 teammate; within 2.0 m 1, truly 1; mean error 20 mm" in frame(state, 80)
 
 
 def test_without_truth_there_is_no_error():
-    text = "\n".join(frame(a_state(an_estimate([[1.0, 0.0]])), 80))
+    text = "\n".join(frame(a_state(now_known([[1.0, 0.0]])), 80))
     assert "error" not in text
     assert "1 teammate\n" in text + "\n"
 
 
 def test_an_estimate_of_nobody_is_false():
-    state = a_state(an_estimate([[1.0, 0.0], [0.0, 1.0]]), a_truth([[1.0, 0.01]]))
+    state = a_state(now_known([[1.0, 0.0], [0.0, 1.0]], a_truth([[1.0, 0.01]])))
     first, second = frame(state, 80)[4:6]
     assert cells(first)[-1] == "10"
     assert cells(second)[-1] == "false"
-    errors = errors_m(state.estimate, state.truth)
+    errors = errors_m(state.now.estimate, state.now.truth)
     assert errors == pytest.approx([0.01, np.nan], nan_ok=True)
 
 
 def test_rows_keep_their_order_while_teammates_move():
-    state = a_state(an_estimate([[2.0, 0.0], [1.0, 0.0]], labels=[7, 3]))
+    state = a_state(now_known([[2.0, 0.0], [1.0, 0.0]], labels=[7, 3]))
     assert [cells(row)[0] for row in frame(state, 80)[4:6]] == ["3", "7"]
 
 
-def test_truth_of_the_estimates_own_time_is_used_whichever_comes_first():
-    truths = [a_truth([[1.0, 0.1 * k]], time=float(k)) for k in range(3)]
-    state = a_state(truths[0], truths[1], an_estimate([[1.0, 0.0]], time=1.0), truths[2])
-    assert state.truth is truths[1]
+def test_both_counts_are_of_the_same_range():
+    state = a_state(now_known([[1.0, 0.0], [2.4, 0.0]], a_truth([[1.0, 0.0], [2.41, 0.0]])))
+    assert "2 teammates; within 2.0 m 1, truly 1; mean error 5 mm" in frame(state, 80)
+
+
+def test_silence_is_said_on_the_screen_and_on_a_line():
+    state = a_state(now_known([[1.0, 0.0]], time=7.5, measured=6.5))
+    state.real_time_factor = 0.3
+    assert any("nothing was measured for 1.0 s" in row for row in frame(state, 80))
+    assert "real time" not in "".join(frame(state, 80))
+    assert "nothing measured for 1.0 s" in line(state)
+    state.take(now_known([[1.0, 0.0]], time=7.6, measured=7.4))
+    assert "measured" not in "".join([*frame(state, 80), line(state)])
 
 
 @pytest.mark.parametrize("width", [80, 100, 250])
 def test_everything_fits_and_no_word_of_a_reason_is_lost(width):
     positions = np.random.default_rng(1).uniform(-9, 9, (20, 2))
     state = a_state(
-        an_estimate(positions, ages=np.full(20, 99.9), sigma=1.5),
-        a_truth(positions),
+        now_known(positions, a_truth(positions), ages=np.full(20, 99.9), sigma=1.5),
         Health(1.0, "localizer", True, "17 updates/s", {}),
         Health(1.0, "lidar", False, LONG_REASON, {}),
     )
@@ -111,14 +125,13 @@ def test_everything_fits_and_no_word_of_a_reason_is_lost(width):
 
 def test_before_the_first_estimate_it_says_so():
     assert "no estimate yet" in "\n".join(frame(a_state(), 80))
-    assert "no teammate in sight" in "\n".join(frame(a_state(an_estimate([])), 80))
+    assert "no teammate in sight" in "\n".join(frame(a_state(now_known([])), 80))
     assert "no estimate yet" in line(a_state())
 
 
 def test_colours_change_nothing_but_colour():
     state = a_state(
-        an_estimate([[1.0, 0.0], [0.0, 1.0]], ages=[0.0, 3.0]),
-        a_truth([[1.0, 0.0]]),
+        now_known([[1.0, 0.0], [0.0, 1.0]], a_truth([[1.0, 0.0]]), ages=[0.0, 3.0]),
         Health(1.0, "lidar", False, "gone", {}),
     )
     bright = "\n".join(frame(state, 80, coloured))
@@ -139,10 +152,10 @@ def screen_size(monkeypatch):
 def test_on_a_terminal_it_is_drawn_in_place(screen_size, shown):
     out = Output(terminal=True)
     drawn = Console(State("a title", "phd", "lidar"), out)
-    drawn.take(an_estimate([[1.0, 0.0], [2.0, 0.0]]))
+    drawn.take(now_known([[1.0, 0.0], [2.0, 0.0]]))
     drawn.take(Health(1.0, "lidar", False, LONG_REASON, {}))
     drawn.draw()
-    drawn.take(an_estimate([[1.5, 0.0]], time=2.0))
+    drawn.take(now_known([[1.5, 0.0]], time=2.0))
     drawn.take(Health(1.0, "lidar", True, "scanning", {}))
     drawn.draw()
     drawn.close()
@@ -160,7 +173,7 @@ def test_a_low_window_is_not_scrolled(screen_size, shown):
     screen_size(80, 10)
     out = Output(terminal=True)
     drawn = Console(State("a title", "phd", "lidar"), out)
-    drawn.take(an_estimate(np.random.default_rng(1).uniform(-2, 2, (20, 2))))
+    drawn.take(now_known(np.random.default_rng(1).uniform(-2, 2, (20, 2))))
     drawn.draw()
     drawn.draw()
     lines = shown(out.getvalue(), rows=10)
@@ -180,11 +193,11 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     now = [100.0]
     out = Output(terminal=False)
     drawn = Console(State("a title", "phd", "lidar"), out, clock=lambda: now[0])
-    drawn.take(an_estimate([[1.0, 0.0]]))
-    drawn.take(Health(1.0, "lidar", True, "scanning at 7.0 turns/s", {}))
+    drawn.take(now_known([[1.0, 0.0]]))
+    drawn.take(Health(1.0, "lidar", True, "scanning at 7.0 revolutions/s", {}))
     drawn.draw()
-    assert out.take() == "swarmloc   a title\n    0.0 s  lidar ok: scanning at 7.0 turns/s\n"
-    drawn.take(Health(1.0, "lidar", True, "scanning at 7.1 turns/s", {}))
+    assert out.take() == "swarmloc   a title\n    0.0 s  lidar ok: scanning at 7.0 revolutions/s\n"
+    drawn.take(Health(1.0, "lidar", True, "scanning at 7.1 revolutions/s", {}))
     drawn.draw()
     assert out.take() == ""
     now[0] = 101.0
@@ -213,7 +226,7 @@ def test_the_pace_is_measured_time_over_the_clocks(screen_size, shown):
     drawn = Console(state, out, clock=lambda: now[0])
     for k in range(20):
         now[0] = 0.5 * k
-        drawn.take(an_estimate([[1.0, 0.0]], time=0.25 * k))
+        drawn.take(now_known([[1.0, 0.0]], time=0.25 * k))
         drawn.draw()
     assert state.real_time_factor == pytest.approx(0.5)
     assert "real time x0.50" in "\n".join(shown(out.getvalue()))

@@ -37,6 +37,10 @@ RUN = {
     "updates_per_s": 16.6,
     "update_ms_median": 0.552,
     "update_ms_p99": 4.638,
+    "latency_ms": {
+        "lidar": {"median": 21.6, "p99": 40.2},
+        "camera": {"median": 151.0, "p99": 162.0},
+    },
     "cpu_share_of_one_core": 0.22,
     "devices": {},
 }
@@ -48,6 +52,7 @@ def test_a_run_is_told_in_words_with_units():
         "teammates": "2.7 reported on average, 2.8 truly within 2.0 m (simulation)",
         "error": "45 mm mean, of reports that belong to a teammate",
         "updates": "201 (16.6/s), 0.55 ms median, 4.6 ms p99",
+        "latency": "lidar 22 ms median, 40 ms p99; camera 151 ms median, 162 ms p99",
         "load": "0.22 of one core",
     }
     assert told({**RUN, "mean_error_mm": None})["error"].startswith("unknown")

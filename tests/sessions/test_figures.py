@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from host.messages import Estimate, Truth
-from host.sessions.figures import Tally, timing
+from host.messages import Bearings, Estimate, Scan, Truth
+from host.sessions.figures import Delays, Tally, timing
 
 
 def an_estimate(*points):
@@ -35,3 +35,16 @@ def test_what_is_not_known_is_no_figure():
     assert Tally().figures() == {"updates": 0, "teammates_reported": None}
     assert timing([]) == {"update_ms_median": None, "update_ms_p99": None}
     assert timing([0.001, 0.002, 0.003])["update_ms_median"] == 2.0
+
+
+def test_delays_run_from_the_measurement_to_its_estimate():
+    now = [0.0]
+    delays = Delays(clock=lambda: now[0])
+    for k in range(101):
+        now[0] = k + 0.001 * k
+        delays.note(Scan(float(k), np.zeros(1), np.zeros(1), np.zeros(1)))
+    delays.note(Bearings(now[0] - 0.15, np.zeros(1), np.ones(1)))
+    assert delays.figures() == {
+        "lidar": {"median": 50.0, "p99": 99.0},
+        "camera": {"median": 150.0, "p99": 150.0},
+    }
