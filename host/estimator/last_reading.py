@@ -3,8 +3,25 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from host.estimator.clairvoyant import predict_positions
-from host.messages import Bearings, Displacement, Estimate, Positions
+from host.geometry import rotation
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
+
+
+def predict_positions(
+    positions: FloatArray, covariances: FloatArray, motion: Displacement, process_noise: float
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 2) and covariances (n, 2, 2) in the robot's new frame.
+
+    m' = R(dpsi)^T (m - d);  P' = R^T (P + v I) R + (J m')(J m')^T h + q dt I, with v and h the
+    variances of the odometry, J m' = (-y', x') the lever arm of its heading and q, process_noise,
+    in m²/s the random walk of a teammate. (Perera 2021 eq. 7-8, counter-clockwise positive.)
+    """
+    rotated = rotation(motion.dpsi)
+    moved = (positions - np.array([motion.dx, motion.dy])) @ rotated
+    lever = moved[:, ::-1] * np.array([-1.0, 1.0])
+    spread = rotated.T @ (covariances + motion.translation_variance * np.eye(2)) @ rotated
+    spread = spread + motion.heading_variance * lever[:, :, None] * lever[:, None, :]
+    return moved, spread + process_noise * motion.interval * np.eye(2)
 
 
 class LastReading:

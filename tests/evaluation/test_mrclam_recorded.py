@@ -68,7 +68,7 @@ def test_frames_keep_the_cameras_pace(dataset):
 @pytest.mark.slow
 def test_limit_floor_and_silence_score_as_expected(dataset):
     wanted = {
-        ("clairvoyant", "drop"): (0.100, 0.004),
+        ("clairvoyant", "drop"): (0.094, 0.003),
         ("last_reading", "drop"): (0.102, 0.004),
         ("last_reading", "clutter"): (0.111, 0.004),
         ("silent", "drop"): (0.368, 0.002),
