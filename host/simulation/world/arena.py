@@ -1,9 +1,10 @@
-"""The arena: a square room with posts, in which differential-drive robots walk at random.
+"""The arena: a square room with posts and furniture, in which differential-drive robots walk.
 
-The walk is that of Belaroussi 2024, appendix A.1: straight on until one of four front proximity
+The walk is random, that of Belaroussi 2024, appendix A.1: straight on until one of four front proximity
 sensors reads less than 0.4 m, then away from it for a random 0.2 to 0.8 s. The reading is taken
 from the robot's centre, so that robots do come near each other. Bodies are discs that never
-overlap; what would make them touch is stopped as a bumper would.
+overlap; what would make them touch is stopped as a bumper would. A pair that drives side by side walks as
+one body, which rotates about its middle: one robot then drives backwards.
 """
 
 import math
@@ -11,14 +12,17 @@ import math
 import numpy as np
 
 from host.errors import UserError
-from host.geometry import wrap
+from host.geometry import to_parent, wrap
 from host.messages import BoolArray, FloatArray
+from host.simulation.world.furniture import furnish, nearest_points
 from host.simulation.world.scenarios import Scenario
 
 ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
+_PAIR = 1  # the walker that is two robots
+_START_CLEARANCE_M = 0.4  # from furniture; more than a pair's reach
 SENSOR_BEARINGS = np.radians([60.0, 20.0, -20.0, -60.0])  # the left two come first
 SENSOR_HALF_CONE = math.radians(20.0)
 SENSOR_RANGE_M = 0.4
@@ -31,46 +35,61 @@ TURN_ACCELERATION_RADPS2 = 20.0
 class Arena:
     """Robots on the move; time starts at 0 and the room's centre is the origin.
 
-    posts (p, 2) m stand still. The motion is a function of the scenario alone: it is computed in
+    posts (p, 2) m and furniture stand still. The motion is a function of the scenario alone: it is computed in
     fixed steps, when someone asks for a time not reached yet.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self.half_side_m = scenario.side_m / 2.0
         self.count = scenario.robots
-        self._speed = scenario.speed_mps
+        self.furniture = furnish(scenario)
+        self._closed = self.furniture.closed
         self._random = scenario.generator("arena")
-        places = self._place(scenario)
-        self.posts: FloatArray = places[self.count :]
-        # Of the obstacles, which are the robots and then the posts.
-        self._radii = np.full(len(places), TURRET_RADIUS_M)
-        self._radii[: self.count] = BODY_RADIUS_M
-        self._each = np.arange(self.count)
-        self._position = places[: self.count]
-        self._heading = self._random.uniform(-math.pi, math.pi, self.count)
-        self._velocity = np.zeros(self.count)
-        self._turn_rate = np.zeros(self.count)
-        self._rotate_until = np.zeros(self.count)
-        self._rotation_sign = np.ones(self.count)
+        self._pair_m = scenario.pair_m
+        walkers = _walkers(scenario)
+        places = self._place(scenario, walkers)
+        self.posts: FloatArray = places[walkers:]
+        self._round = np.concatenate((self.posts, self.furniture.legs))
+        self._reach = np.full(walkers, BODY_RADIUS_M)
+        if self._pair_m:
+            self._reach[_PAIR] += 0.5 * self._pair_m
+        self._radii = np.concatenate(
+            (
+                self._reach,
+                np.full(scenario.posts, TURRET_RADIUS_M),
+                self.furniture.leg_radii,
+                np.zeros(len(self._closed)),
+            )
+        )
+        self._each = np.arange(walkers)
+        self._position = places[:walkers]
+        self._heading = self._random.uniform(-math.pi, math.pi, walkers)
+        self._drives = self._each < walkers - scenario.standing
+        self._speed = np.where(self._drives, scenario.speed_mps, 0.0)
+        self._velocity = np.zeros(walkers)
+        self._turn_rate = np.zeros(walkers)
+        self._rotate_until = np.zeros(walkers)
+        self._rotation_sign = np.ones(walkers)
         self._history = np.zeros((512, self.count, 3))
         self._first = 0  # the step of the history's first row
         self._steps = 0
         self._record()
 
-    def _place(self, scenario: Scenario) -> FloatArray:
-        """Robots, then posts, at random and apart from each other and the walls."""
+    def _place(self, scenario: Scenario, walkers: int) -> FloatArray:
+        """Walkers, then posts, at random and apart from each other, furniture and walls."""
         room = self.half_side_m - 0.35
         places = np.empty((0, 2))
         for _ in range(400 * (scenario.robots + scenario.posts)):
             candidate = self._random.uniform(-room, room, 2)
-            if np.all(np.hypot(*(places - candidate).T) > 0.5):
+            apart = np.all(np.hypot(*(places - candidate).T) > 0.5)
+            if apart and self.furniture.clearance(candidate) > _START_CLEARANCE_M:
                 places = np.vstack((places, candidate))
-            if len(places) == scenario.robots + scenario.posts:
+            if len(places) == walkers + scenario.posts:
                 return places
         raise UserError(
             f"no room for {scenario.robots} robots and {scenario.posts} posts",
-            f"they start 0.5 m apart in {scenario.side_m} x {scenario.side_m} m",
-            "ask for fewer of them or a larger side_m",
+            f"they start 0.5 m apart in {scenario.side_m} x {scenario.side_m} m, clear of furniture",
+            "ask for fewer of them, less furniture or a larger side_m",
         )
 
     @property
@@ -115,8 +134,13 @@ class Arena:
         row = self._steps - self._first
         if row == len(self._history):
             self._history = np.concatenate((self._history, np.zeros_like(self._history)))
-        self._history[row, :, :2] = self._position
-        self._history[row, :, 2] = self._heading
+        poses = np.column_stack((self._position, self._heading))
+        if self._pair_m:
+            beside = np.array([[0.0, 0.5 * self._pair_m], [0.0, -0.5 * self._pair_m]])
+            pair = np.tile(poses[_PAIR], (2, 1))
+            pair[:, :2] = to_parent(beside, poses[_PAIR])
+            poses = np.concatenate((poses[:_PAIR], pair, poses[_PAIR + 1 :]))
+        self._history[row] = poses
         self._steps += 1
 
     def _step(self) -> None:
@@ -144,16 +168,16 @@ class Arena:
     def _decide(self, offsets: FloatArray) -> None:
         """Start a rotation away from whatever the front sensors of a robot going straight see."""
         left, right = self._proximity(offsets)
-        alarmed = (left | right) & (self.now >= self._rotate_until)
+        alarmed = (left | right) & self._drives & (self.now >= self._rotate_until)
         if alarmed.any():
             away = np.where(left, -1.0, 1.0)  # clockwise, away from what is on the left
             self._start_rotation(alarmed, np.where(left & right, self._random_signs(), away))
 
     def _random_signs(self) -> FloatArray:
-        return self._random.choice(np.array([-1.0, 1.0]), self.count)
+        return self._random.choice(np.array([-1.0, 1.0]), len(self._each))
 
     def _start_rotation(self, which: BoolArray, signs: FloatArray) -> None:
-        durations = self._random.uniform(*TURN_SECONDS, self.count)
+        durations = self._random.uniform(*TURN_SECONDS, len(self._each))
         self._rotate_until = np.where(which, self.now + durations, self._rotate_until)
         self._rotation_sign = np.where(which, signs, self._rotation_sign)
 
@@ -174,11 +198,15 @@ class Arena:
         return seen[:, :2].any(axis=1), seen[:, 2:].any(axis=1)
 
     def _offsets(self, positions: FloatArray) -> FloatArray:
-        """Return where every obstacle (robots, posts) is from every robot: (n, n + p, 2) m.
+        """Return where every obstacle is from every walker: (n, n + m, 2) m.
 
-        A robot's offset to itself is far away.
+        Obstacles are the walkers, posts and legs, then what is closed, by its nearest point. A
+        walker's offset to itself is far away.
         """
-        offsets: FloatArray = np.concatenate((positions, self.posts)) - positions[:, None]
+        offsets: FloatArray = np.concatenate((positions, self._round)) - positions[:, None]
+        if len(self._closed):
+            nearest = nearest_points(self._closed, positions) - positions[:, None]
+            offsets = np.concatenate((offsets, nearest), axis=1)
         offsets[self._each, self._each] = 1e3
         return offsets
 
@@ -188,18 +216,32 @@ class Arena:
         Of two robots only those that drive at the other are stopped, so that none is held for
         ever. Stopping one may leave it in a third one's way: repeat until nothing changes.
         """
-        stopped: BoolArray = np.zeros(self.count, dtype=bool)
+        stopped: BoolArray = np.zeros(len(move), dtype=bool)
         approaching = np.einsum("ik,ijk->ij", move, offsets) > 0.0
-        limit = self.half_side_m - BODY_RADIUS_M
+        limit = (self.half_side_m - self._reach)[:, None]
         while True:
             tried = self._position + np.where(stopped[:, None], 0.0, move)
             outside = np.any((np.abs(tried) > limit) & (self._position * move > 0.0), axis=1)
             ahead = self._offsets(tried)
-            touching = np.hypot(ahead[..., 0], ahead[..., 1]) < self._radii + BODY_RADIUS_M
+            distance = np.hypot(ahead[..., 0], ahead[..., 1])
+            touching = distance < self._radii + self._reach[:, None]
             more = (outside | np.any(touching & approaching, axis=1)) & ~stopped
             if not more.any():
                 return stopped
             stopped |= more
+
+
+def _walkers(scenario: Scenario) -> int:
+    """How many bodies walk: the robots, a pair as one. Raises UserError where it has no two."""
+    if not scenario.pair_m:
+        return scenario.robots
+    if scenario.robots < _PAIR + 2:
+        raise UserError(
+            f"no pair among {scenario.robots} robots",
+            "robots 1 and 2 are the pair, beside robot 0, which observes",
+            "ask for at least 3 robots, or leave pair_m out",
+        )
+    return scenario.robots - 1
 
 
 def _limited(change: FloatArray, most: float) -> FloatArray:

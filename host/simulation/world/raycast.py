@@ -1,4 +1,4 @@
-"""Where a lidar's beams meet a square room and the cylinders in it; plain geometry, no noise."""
+"""Where a lidar's beams meet a square room, cylinders and boxes; plain geometry, no noise."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.drivers.x4.packets import CROSSING_M, EMITTER_OFFSET_M
-from host.geometry import to_parent
+from host.geometry import to_frame, to_parent
 from host.messages import FloatArray, IntArray
 
 
@@ -79,8 +79,11 @@ class CylinderHits:
     index: IntArray
 
 
-def meet_cylinders(beams: Beams, axes: FloatArray, radius: float) -> CylinderHits:
-    """Meet cylinders of one radius (m) whose axes stand at (k, m, 2), or none at all (m = 0)."""
+def meet_cylinders(beams: Beams, axes: FloatArray, radius: float | FloatArray) -> CylinderHits:
+    """Meet cylinders whose axes stand at (k, m, 2), or none at all (m = 0).
+
+    radius: m, of all of them or of each (m,).
+    """
     count, cylinders = axes.shape[:2]
     if not cylinders:
         nothing = np.full(count, np.inf)
@@ -96,6 +99,39 @@ def meet_cylinders(beams: Beams, axes: FloatArray, radius: float) -> CylinderHit
     index = np.argmin(distances, axis=1)
     each = np.arange(count)
     return CylinderHits(distances[each, index], np.abs(off[each, index]), index)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxHits:
+    """Where beams from outside meet boxes first.
+
+    distances (k,) m along the beam, inf where there is none; incidence_cosines (k,): 1 straight
+    on, 0 grazing.
+    """
+
+    distances: FloatArray
+    incidence_cosines: FloatArray
+
+
+def meet_boxes(beams: Beams, boxes: FloatArray) -> BoxHits:
+    """Meet the sides of boxes (m, 5): x, y (m), heading (rad), length and width (m)."""
+    count = len(beams.directions)
+    if not len(boxes):
+        return BoxHits(np.full(count, np.inf), np.ones(count))
+    origins = to_frame(beams.origins[:, None], boxes[:, :3])
+    turned = np.column_stack((np.zeros((len(boxes), 2)), boxes[:, 2]))
+    directions = to_frame(beams.directions[:, None], turned)
+    # A beam is inside of a box where it is between both pairs of opposite sides.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways = (np.array([-0.5, 0.5])[:, None, None, None] * boxes[:, 3:] - origins) / directions
+    enters, leaves = np.min(ways, axis=0), np.max(ways, axis=0)
+    distances = np.max(enters, axis=2)
+    met = (distances < np.min(leaves, axis=2)) & (distances > 0.0)
+    distances = np.where(met, distances, np.inf)
+    index = np.argmin(distances, axis=1)
+    each = np.arange(count)
+    side = np.argmax(enters[each, index], axis=1)
+    return BoxHits(distances[each, index], np.abs(directions[each, index, side]))
 
 
 @dataclass(frozen=True, slots=True)
