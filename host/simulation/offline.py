@@ -19,9 +19,10 @@ from host.simulation.pictures.render import Surroundings
 from host.simulation.pictures.searched_camera import SearchedCamera
 from host.simulation.world.arena import ARENA_STEP_S, Arena
 from host.simulation.world.built import built, known
+from host.simulation.world.camera import SimulatedCamera
 from host.simulation.world.motion_capture import MotionCapture
 from host.simulation.world.scenarios import Scenario
-from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
+from host.simulation.world.sensors import SimulatedEncoders, SimulatedLidar
 
 OBSERVER = 0
 TRUTH_HZ = 10.0
@@ -88,6 +89,7 @@ class Simulation:
             own,
             self._arena.half_side_m,
             float(after[OBSERVER, 2] - before[OBSERVER, 2]) / ARENA_STEP_S,
+            self._arena.furniture.seen_from(own),
         )
 
     def forget(self, before: float) -> None:

@@ -27,9 +27,9 @@ from host.geometry import Path, to_frame, wrap
 from host.messages import Displacement, FloatArray, Scan
 from host.perception import turrets
 from host.simulation.offline import OBSERVER, Simulation
-from host.simulation.world.arena import ARENA_STEP_S, Arena
+from host.simulation.world.arena import ARENA_STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.camera import hidden_by_cylinders
 from host.simulation.world.scenarios import Scenario, parse_scenario
-from host.simulation.world.sensors import hidden_by_others
 
 LIDAR = RobotConfig().lidar
 GAP_M = 0.06
@@ -104,7 +104,9 @@ def score(search: Search, scans: list[Scan], arena: Arena) -> dict[str, float]:
         distances = np.hypot(*(candidates[:, None] - things).T).reshape(len(things), -1)
         nearest = distances.min(axis=1, initial=np.inf)
         reach = np.hypot(*things.T)
-        seen = (reach < LIDAR.max_range_m - 0.1) & ~hidden_by_others(things)
+        seen = (reach < LIDAR.max_range_m - 0.1) & ~hidden_by_cylinders(
+            things, things, TURRET_RADIUS_M
+        )
         found.append(nearest[seen] < FOUND_M)
         false += np.count_nonzero(distances.min(axis=0, initial=np.inf) >= FOUND_M)
         for k in np.flatnonzero(is_post & seen & (nearest < FOUND_M)):

@@ -10,12 +10,14 @@ import numpy as np
 from host.config import Camera, Cameras
 from host.messages import FloatArray, Image
 from host.perception.lens import View
+from host.simulation.pictures.blocks import Drawn, drawn
 from host.simulation.pictures.painting import Painter, Sprite, lay
 from host.simulation.pictures.patches import Patch, in_band, red_patches
 from host.simulation.pictures.scenery import Scenery
 from host.simulation.pictures.sightings import Sightings, visible
 from host.simulation.pictures.solids import POST, POST_TOP_M, own_faces, robot_faces
 from host.simulation.world.arena import BODY_RADIUS_M
+from host.simulation.world.furniture import NO_FURNITURE, Furniture
 
 _LAMP_RAD = 0.7  # where in the room the light comes from
 _NOISE_MARGIN_PX = 64
@@ -49,8 +51,8 @@ class Look:
 class Surroundings:
     """What is around the robot at one time.
 
-    teammates (n, 2) and posts (m, 2) m in the robot frame; pose (3,): the robot's own x, y (m) and
-    heading (rad) in the room; turn_rate_radps: how fast it rotates.
+    teammates (n, 2) and posts (m, 2) m, and furniture, in the robot frame; pose (3,): the robot's
+    own x, y (m) and heading (rad) in the room; turn_rate_radps: how fast it rotates.
     """
 
     teammates: FloatArray
@@ -58,6 +60,7 @@ class Surroundings:
     pose: FloatArray
     half_side_m: float
     turn_rate_radps: float = 0.0
+    furniture: Furniture = NO_FURNITURE
 
 
 class Renderer:
@@ -113,25 +116,29 @@ class Renderer:
         """Everything in the room that has edges, the farthest first."""
         viewpoint = self.view.origin
         lamp = _LAMP_RAD - float(scene.pose[2])
-        strip = self._cameras.strip
         for patch in self._patches:
             face = patch.face(scene.pose)
             if patch.in_band or not in_band(face.corners - viewpoint, self._cameras, viewpoint[2]):
                 sprite = self._painter.sprite([face], face.corners.mean(axis=0), turn_rad)
                 if sprite is not None:
                     yield sprite
-        things = np.concatenate((scene.teammates, scene.posts))
-        distances = np.hypot(*(things - viewpoint[:2]).T)
-        for k in np.argsort(-distances):
-            if k < len(scene.teammates):
-                faces = robot_faces(strip, things[k], viewpoint, lamp)
-                middle = np.append(things[k], strip.height_m)
-            else:
-                faces = POST.faces(things[k], viewpoint, lamp)
-                middle = np.append(things[k], 0.5 * POST_TOP_M)
+        for _, faces, middle in sorted(
+            self._things(scene, viewpoint, lamp), key=lambda thing: -thing[0]
+        ):
             sprite = self._painter.sprite(faces, middle, turn_rad)
             if sprite is not None:
                 yield sprite
+
+    def _things(self, scene: Surroundings, viewpoint: FloatArray, lamp: float) -> Iterator[Drawn]:
+        """Teammates, posts and furniture, each with its distance."""
+        strip = self._cameras.strip
+        for place in scene.teammates:
+            faces = robot_faces(strip, place, viewpoint, lamp)
+            yield math.hypot(*(place - viewpoint[:2])), faces, np.append(place, strip.height_m)
+        for place in scene.posts:
+            faces = POST.faces(place, viewpoint, lamp)
+            yield math.hypot(*(place - viewpoint[:2])), faces, np.append(place, 0.5 * POST_TOP_M)
+        yield from drawn(scene.furniture, viewpoint, lamp)
 
     def _gain(self, number: int, random: np.random.Generator) -> float:
         """How bright picture `number` is: lamps and clouds, and a little flicker."""

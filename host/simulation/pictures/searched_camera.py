@@ -42,7 +42,9 @@ class SearchedCamera:
         found = self._finder.find(jpeg, time)
         if found is None:
             return None
-        truth = visible(self._renderer.view, self._strip, scene.teammates, scene.posts)
+        truth = visible(
+            self._renderer.view, self._strip, scene.teammates, scene.posts, scene.furniture
+        )
         return dataclasses.replace(found, identities=self._identify(found, truth, identities))
 
     def _identify(self, found: Bearings, truth: Sightings, identities: IntArray) -> IntArray:

@@ -7,7 +7,9 @@ import numpy as np
 from host.config import Strip
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import View
+from host.simulation.pictures.blocks import Block, opaque
 from host.simulation.pictures.solids import POST, Cylinder, robot_of, strip_of
+from host.simulation.world.furniture import NO_FURNITURE, Furniture
 
 _ACROSS, _UP = 24, 6  # places on a strip that are looked at
 
@@ -26,15 +28,26 @@ class Sightings:
     shares: FloatArray
 
 
-def visible(view: View, strip: Strip, teammates: FloatArray, posts: FloatArray) -> Sightings:
-    """What `view` truly sees of teammates (n, 2) m among posts (m, 2) m, robot frame."""
+def visible(
+    view: View,
+    strip: Strip,
+    teammates: FloatArray,
+    posts: FloatArray,
+    furniture: Furniture = NO_FURNITURE,
+) -> Sightings:
+    """What `view` truly sees of teammates (n, 2) m among posts (m, 2) m and furniture.
+
+    All are in the robot frame.
+    """
     x, y = (teammates - view.origin[:2]).T
     coat = strip_of(strip)
-    solids = [
+    solids: list[tuple[int, Block | Cylinder, FloatArray]] = [
         (number, part, place)
         for number, place in enumerate(teammates)
         for part in (*robot_of(strip), coat)
-    ] + [(-1, POST, place) for place in posts]
+    ]
+    solids += [(-1, POST, place) for place in posts]
+    solids += [(-1, solid, place) for solid, place in opaque(furniture)]
     shares = [
         _share(view, coat, place, [solid[1:] for solid in solids if solid[0] != number])
         for number, place in enumerate(teammates)
@@ -43,14 +56,14 @@ def visible(view: View, strip: Strip, teammates: FloatArray, posts: FloatArray) 
 
 
 def _share(
-    view: View, coat: Cylinder, place: FloatArray, solids: list[tuple[Cylinder, FloatArray]]
+    view: View, coat: Cylinder, place: FloatArray, solids: list[tuple[Block | Cylinder, FloatArray]]
 ) -> float:
     points = near_side(coat, place, view.origin)
     if not len(points):
         return 0.0
     seen = inside_picture(view, points)
-    for cylinder, axis in solids:
-        seen &= ~cylinder.between(axis, view.origin, points)
+    for solid, where in solids:
+        seen &= ~solid.between(where, view.origin, points)
     return float(np.mean(seen))
 
 

@@ -88,8 +88,8 @@ class Cylinder:
         toward = np.cos(0.5 * (angles[:-1] + angles[1:]) - light_rad)
         shades = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(toward, 0.0)
         return faces + [
-            Face(facet, _lit(self.colour, float(shade)))
-            for facet, shade in zip(corners, shades, strict=True)
+            Face(facet, lit(self.colour, float(light)))
+            for facet, light in zip(corners, shades, strict=True)
         ]
 
     def _pieces(self, axis: FloatArray, viewpoint: FloatArray) -> int:
@@ -178,6 +178,12 @@ def _plate(x: tuple[float, float], y: tuple[float, float], z: float, colour: Col
     return Face(np.column_stack((level, np.full(len(level), z))), colour)
 
 
-def _lit(colour: Colour, light: float) -> Colour:
+def shade(angle_rad: float) -> float:
+    """How brightly a side is lit that looks away from the lamp's direction by an angle."""
+    return _AMBIENT + (1.0 - _AMBIENT) * max(math.cos(angle_rad), 0.0)
+
+
+def lit(colour: Colour, light: float) -> Colour:
+    """Return the colour at a share `light` of full light."""
     blue, green, red = colour
     return light * blue, light * green, light * red

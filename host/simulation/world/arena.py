@@ -1,10 +1,10 @@
 """The arena: a square room with posts and furniture, in which differential-drive robots walk.
 
-The walk is random, that of Belaroussi 2024, appendix A.1: straight on until one of four front proximity
-sensors reads less than 0.4 m, then away from it for a random 0.2 to 0.8 s. The reading is taken
-from the robot's centre, so that robots do come near each other. Bodies are discs that never
-overlap; what would make them touch is stopped as a bumper would. A pair that drives side by side walks as
-one body, which rotates about its middle: one robot then drives backwards.
+The random walk is that of Belaroussi 2024, appendix A.1: straight on until one of four front
+proximity sensors reads less than 0.4 m, then away from it for a random 0.2 to 0.8 s. The reading is
+taken from the robot's centre, so that robots do come near each other. Bodies are discs that never
+overlap; what would make them touch is stopped as a bumper would. A pair that drives side by side
+walks as one body, which rotates about its middle: one robot then drives backwards.
 """
 
 import math
@@ -35,8 +35,8 @@ TURN_ACCELERATION_RADPS2 = 20.0
 class Arena:
     """Robots on the move; time starts at 0 and the room's centre is the origin.
 
-    posts (p, 2) m and furniture stand still. The motion is a function of the scenario alone: it is computed in
-    fixed steps, when someone asks for a time not reached yet.
+    posts (p, 2) m and furniture stand still. The motion is a function of the scenario alone: it is
+    computed in fixed steps, when someone asks for a time not reached yet.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -88,7 +88,7 @@ class Arena:
                 return places
         raise UserError(
             f"no room for {scenario.robots} robots and {scenario.posts} posts",
-            f"they start 0.5 m apart in {scenario.side_m} x {scenario.side_m} m, clear of furniture",
+            f"they start 0.5 m apart in {scenario.side_m} x {scenario.side_m} m, off furniture",
             "ask for fewer of them, less furniture or a larger side_m",
         )
 

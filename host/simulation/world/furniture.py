@@ -5,7 +5,7 @@ are joined by rungs below that plane: robots drive around it. They drive under t
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,10 +27,11 @@ _CORNERS = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 @dataclass(frozen=True, slots=True)
 class Furniture:
-    """What stands in the room; a rectangle is x, y, heading, length (along it) and width.
+    """What stands in the room.
 
-    legs (n, 2) m and leg_radii (n,) m: upright cylinders. chairs, tables, boxes (k, 5): their
-    outlines, in m and rad; leg_tops (n,) m: how high the legs reach.
+    legs (n, 2) m, leg_radii (n,) m and leg_tops (n,) m above the floor: upright cylinders. chairs,
+    tables, boxes (k, 5): rectangles x, y (m), heading (rad), length along it and width (m).
+    box_top_m: of all boxes, above the floor.
     """
 
     legs: FloatArray
@@ -39,17 +40,39 @@ class Furniture:
     chairs: FloatArray
     tables: FloatArray
     boxes: FloatArray
+    box_top_m: float
 
     @property
     def closed(self) -> FloatArray:
         """Rectangles (k, 5) that no robot drives into."""
         return np.concatenate((self.chairs, self.boxes))
 
+    def seen_from(self, pose: FloatArray) -> "Furniture":
+        """The furniture in the frame of a robot at `pose` (x, y, heading)."""
+        rectangles = [
+            np.column_stack((to_frame(r[:, :2], pose), r[:, 2] - pose[2], r[:, 3:]))
+            for r in (self.chairs, self.tables, self.boxes)
+        ]
+        chairs, tables, boxes = rectangles
+        legs = to_frame(self.legs, pose)
+        return replace(self, legs=legs, chairs=chairs, tables=tables, boxes=boxes)
+
     def clearance(self, point: FloatArray) -> float:
         """How far (m) a point (2,) is from the nearest leg or closed rectangle."""
         to_legs = np.hypot(*(self.legs - point).T) - self.leg_radii
         to_closed = np.hypot(*(nearest_points(self.closed, point[None])[0] - point).T)
         return float(np.min(np.concatenate((to_legs, to_closed)), initial=math.inf))
+
+
+NO_FURNITURE = Furniture(
+    legs=np.zeros((0, 2)),
+    leg_radii=np.zeros(0),
+    leg_tops=np.zeros(0),
+    chairs=np.zeros((0, 5)),
+    tables=np.zeros((0, 5)),
+    boxes=np.zeros((0, 5)),
+    box_top_m=0.0,
+)
 
 
 def furnish(scenario: Scenario) -> Furniture:
@@ -59,9 +82,7 @@ def furnish(scenario: Scenario) -> Furniture:
     boxes = [
         room.put(_sides(room.random, *_BOX_M), at_wall=k % 2 == 0) for k in range(scenario.boxes)
     ]
-    chairs = [
-        room.put(np.full(2, room.random.uniform(*_CHAIR_M))) for _ in range(scenario.chairs)
-    ]
+    chairs = [room.put(np.full(2, room.random.uniform(*_CHAIR_M))) for _ in range(scenario.chairs)]
     legs = [corners(piece) for piece in (*chairs, *tables)]
     radii = [room.random.uniform(*_LEG_RADIUS_M) for _ in chairs]
     radii += [room.random.uniform(*_TABLE_LEG_RADIUS_M) for _ in tables]
@@ -73,12 +94,14 @@ def furnish(scenario: Scenario) -> Furniture:
         chairs=_table_of(chairs),
         tables=_table_of(tables),
         boxes=_table_of(boxes),
+        box_top_m=scenario.box_height_m,
     )
 
 
 def corners(rectangle: FloatArray) -> FloatArray:
     """Corners (4, 2) m of a rectangle (5,), counter-clockwise from its left end ahead."""
-    return to_parent(_CORNERS * rectangle[3:], rectangle[:3])
+    ends: FloatArray = to_parent(_CORNERS * rectangle[3:], rectangle[:3])
+    return ends
 
 
 def nearest_points(rectangles: FloatArray, points: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the sensors of one robot in the arena would measure, with their noise and their failures.
+"""What lidar and encoders of one robot in the arena would measure, with noise and failures.
 
 Random numbers are drawn one per sample, step or frame, from a generator of each purpose: what a
 sensor measures does not depend on the pieces in which it is asked.
@@ -11,13 +11,13 @@ import numpy as np
 
 from host.config import Lidar as LidarConfig
 from host.config import Wheels
-from host.geometry import to_frame, wrap
-from host.messages import Bearings, BoolArray, FloatArray, IntArray
+from host.geometry import wrap
+from host.messages import BoolArray, FloatArray
 from host.simulation.world.arena import ARENA_STEP_S, FORGET_STEPS, TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import (
     Beams,
     BeamsOf,
-    WallHits,
+    meet_boxes,
     meet_cylinders,
     meet_walls,
     x4_beams,
@@ -36,7 +36,7 @@ class SimulatedLidar:
     """The lidar on one robot: ranges of samples taken one after another, as noisy as an X4's.
 
     Teammates and posts are cylinders of a turret's width; a teammate's turret stands at its
-    robot's origin.
+    robot's origin. Of furniture it meets legs and boxes.
     """
 
     def __init__(
@@ -51,6 +51,9 @@ class SimulatedLidar:
         self._observer = observer
         self._others = np.delete(np.arange(arena.count), observer)
         self._mounting = (config.x_m, config.y_m, config.heading_rad)
+        self._standing = np.concatenate((arena.posts, arena.furniture.legs))
+        self._radii = np.full(len(self._others) + len(self._standing), TURRET_RADIUS_M)
+        self._radii[len(self._others) + len(arena.posts) :] = arena.furniture.leg_radii
         self._pillars = config.blind_sectors
         self._beams = beams
         self._scenario = scenario
@@ -75,18 +78,19 @@ class SimulatedLidar:
         own = poses[:, self._observer]
         beams = self._beams(raw_angles, own, self._mounting)
         turrets = poses[:, self._others, :2]
-        posts = np.broadcast_to(self._arena.posts, (len(times), *self._arena.posts.shape))
-        hits = meet_cylinders(beams, np.concatenate((turrets, posts), axis=1), TURRET_RADIUS_M)
-        walls = meet_walls(beams, self._arena.half_side_m)
-        on_wall = walls.distances < hits.distances
-        distances = np.where(on_wall, walls.distances, hits.distances)
-        null = on_wall & self._lost_on_wall(walls)
+        standing = np.broadcast_to(self._standing, (len(times), *self._standing.shape))
+        hits = meet_cylinders(beams, np.concatenate((turrets, standing), axis=1), self._radii)
+        flat, lost = self._flat(beams)
+        on_flat = flat < hits.distances
+        distances = np.where(on_flat, flat, hits.distances)
+        null = on_flat & lost
 
-        rim = hits.misses > TURRET_RADIUS_M - 1e-3 * self._scenario.edge_mrad * distances
+        radii = self._radii[hits.index] if len(self._radii) else np.zeros(len(times))
+        rim = hits.misses > radii - 1e-3 * self._scenario.edge_mrad * distances
         luck = self._rim.random(len(times))
-        mixed = ~on_wall & rim & (luck < self._scenario.mixed_share)
-        null |= ~on_wall & rim & ~mixed
-        behind = np.minimum(walls.distances - distances, 0.3)
+        mixed = ~on_flat & rim & (luck < self._scenario.mixed_share)
+        null |= ~on_flat & rim & ~mixed
+        behind = np.minimum(flat - distances, 0.3)
         share = luck / max(self._scenario.mixed_share, 1e-9)
         distances = np.where(mixed, distances + share * behind, distances)
 
@@ -104,11 +108,16 @@ class SimulatedLidar:
         noise: FloatArray = self._scenario.range_noise * std * self._noise.standard_normal(len(std))
         return noise
 
-    def _lost_on_wall(self, walls: WallHits) -> BoolArray:
+    def _flat(self, beams: Beams) -> tuple[FloatArray, BoolArray]:
+        """Distances (k,) m to the nearest wall or box, and which of these return nothing."""
+        walls = meet_walls(beams, self._arena.half_side_m)
         cells = np.minimum((walls.places / DARK_CELL_M).astype(np.intp), len(self._dark) - 1)
-        grazing = walls.incidence_cosines < math.cos(math.radians(self._scenario.grazing_deg))
-        lost: BoolArray = self._dark[cells] | grazing
-        return lost
+        boxes = meet_boxes(beams, self._arena.furniture.boxes)
+        on_box = boxes.distances < walls.distances
+        cosines = np.where(on_box, boxes.incidence_cosines, walls.incidence_cosines)
+        grazing = cosines < math.cos(math.radians(self._scenario.grazing_deg))
+        lost: BoolArray = (self._dark[cells] & ~on_box) | grazing
+        return np.where(on_box, boxes.distances, walls.distances), lost
 
     def _behind_pillar(self, beams: Beams, distances: FloatArray, own: FloatArray) -> BoolArray:
         x, y = (beams.points(distances) - beams.centres).T
@@ -165,61 +174,6 @@ def _dark_cells(scenario: Scenario) -> BoolArray:
     while len(dark) < cells:
         dark = np.concatenate((dark, next(chain)))
     return dark[:cells]
-
-
-class SimulatedCamera:
-    """The two fisheye cameras of one robot, as one sensor of bearings all around."""
-
-    def __init__(self, arena: Arena, observer: int, scenario: Scenario) -> None:
-        self._arena = arena
-        self._observer = observer
-        self._others = np.delete(np.arange(arena.count), observer)
-        self._scenario = scenario
-        # No filter is given an exact bearing.
-        self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
-        self._random = scenario.generator("camera")
-
-    def bearings(self, time: float) -> Bearings:
-        """Return what an image pair taken at `time` (s) shows; call once a frame, in order.
-
-        The variances are those of the scenario's noise. False blobs have identity -1.
-        """
-        scenario = self._scenario
-        (poses,) = self._arena.poses(np.array([time]))
-        own = poses[self._observer]
-        teammates = to_frame(poses[self._others, :2], own)
-        cylinders = np.concatenate((teammates, to_frame(self._arena.posts, own)))
-        chance = (
-            self._detection_probability(teammates) * ~hidden_by_others(cylinders)[: len(teammates)]
-        )
-        seen = self._random.random(len(chance)) < chance
-        noise = math.radians(scenario.bearing_noise_deg) * self._random.standard_normal(len(chance))
-        true = np.arctan2(teammates[:, 1], teammates[:, 0])
-        blobs = self._random.uniform(-math.pi, math.pi, self._random.poisson(scenario.false_blobs))
-        bearings = np.concatenate((wrap(true + noise)[seen], blobs))
-        identities: IntArray = np.concatenate((self._others[seen], np.full(len(blobs), -1)))
-        order = self._random.permutation(len(bearings))
-        variances = np.full(len(bearings), self._variance)
-        return Bearings(time, bearings[order], variances, identities=identities[order])
-
-    def _detection_probability(self, positions: FloatArray) -> FloatArray:
-        """Perera 2021 eq. 30 with its greatest value and half-point as parameters."""
-        scenario = self._scenario
-        excess = np.hypot(positions[:, 0], positions[:, 1]) - scenario.camera_half_range_m
-        probability: FloatArray = scenario.camera_detection / (
-            1.0 + np.exp(np.minimum(scenario.camera_steepness_per_m * excess, 50.0))
-        )
-        return probability
-
-
-def hidden_by_others(positions: FloatArray) -> BoolArray:
-    """Which cylinders (n, 2) have their axis behind a nearer one, seen from the origin."""
-    distance = np.hypot(positions[:, 0], positions[:, 1])
-    bearing = np.arctan2(positions[:, 1], positions[:, 0])
-    half_width = np.arcsin(np.minimum(TURRET_RADIUS_M / distance, 1.0))
-    covered = np.abs(wrap(bearing[:, None] - bearing)) < half_width
-    behind: BoolArray = np.any(covered & (distance < distance[:, None]), axis=1)
-    return behind
 
 
 class SimulatedEncoders:

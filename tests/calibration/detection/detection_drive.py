@@ -11,8 +11,8 @@ from host.messages import Bodies, FloatArray, Scan
 from host.perception import turrets
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
+from host.simulation.world.camera import SimulatedCamera
 from host.simulation.world.scenarios import parse_scenario
-from host.simulation.world.sensors import SimulatedCamera
 
 RADIUS_M = 0.0325
 GATE_M = 0.12

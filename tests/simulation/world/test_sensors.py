@@ -13,9 +13,11 @@ from host.drivers.romeo.differential_drive import displacement
 from host.drivers.x4.packets import angle_correction
 from host.geometry import to_frame, to_parent, wrap
 from host.simulation.world.arena import ARENA_STEP_S, TURRET_RADIUS_M, Arena
+from host.simulation.world.camera import SimulatedCamera
+from host.simulation.world.furniture import NO_FURNITURE
 from host.simulation.world.raycast import meet_cylinders, meet_walls, x4_beams
 from host.simulation.world.scenarios import Scenario, parse_scenario
-from host.simulation.world.sensors import SimulatedCamera, SimulatedEncoders, SimulatedLidar
+from host.simulation.world.sensors import SimulatedEncoders, SimulatedLidar
 
 CONFIG = RobotConfig()
 OPEN_VIEW = CONFIG.lidar.model_copy(update={"blind_sectors": ()})
@@ -36,6 +38,7 @@ class StillArena:
     def __init__(self, robots: list[tuple[float, float, float]], side_m: float = 3.0) -> None:
         self.robots = np.array(robots)
         self.posts = np.zeros((0, 2))
+        self.furniture = NO_FURNITURE
         self.half_side_m = side_m / 2
         self.count = len(robots)
 

@@ -1,0 +1,89 @@
+"""What the cameras of one robot would find, without pictures: bearings of teammates."""
+
+import math
+
+import numpy as np
+
+from host.config import Strip
+from host.geometry import to_frame, to_parent, wrap
+from host.messages import Bearings, BoolArray, FloatArray, IntArray
+from host.simulation.world.arena import TURRET_RADIUS_M, Arena
+from host.simulation.world.raycast import Beams, meet_boxes
+from host.simulation.world.scenarios import Scenario
+
+
+class SimulatedCamera:
+    """The two fisheye cameras of one robot, as one sensor of bearings all around."""
+
+    def __init__(self, arena: Arena, observer: int, scenario: Scenario) -> None:
+        self._arena = arena
+        self._observer = observer
+        self._others = np.delete(np.arange(arena.count), observer)
+        self._scenario = scenario
+        furniture = arena.furniture
+        self._standing = np.concatenate((arena.posts, furniture.legs))
+        self._radii = np.append(np.full(len(arena.posts), TURRET_RADIUS_M), furniture.leg_radii)
+        # Sight lines run about as high as the strips are.
+        self._boxes_hide = furniture.box_top_m > Strip().height_m
+        # No filter is given an exact bearing.
+        self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
+        self._random = scenario.generator("camera")
+
+    def bearings(self, time: float) -> Bearings:
+        """Return what an image pair taken at `time` (s) shows; call once a frame, in order.
+
+        The variances are those of the scenario's noise. False blobs have identity -1.
+        """
+        scenario = self._scenario
+        (poses,) = self._arena.poses(np.array([time]))
+        own = poses[self._observer]
+        teammates = to_frame(poses[self._others, :2], own)
+        hidden = self._hidden(teammates, own)
+        chance = self._detection_probability(teammates) * ~hidden
+        seen = self._random.random(len(chance)) < chance
+        noise = math.radians(scenario.bearing_noise_deg) * self._random.standard_normal(len(chance))
+        true = np.arctan2(teammates[:, 1], teammates[:, 0])
+        blobs = self._random.uniform(-math.pi, math.pi, self._random.poisson(scenario.false_blobs))
+        bearings = np.concatenate((wrap(true + noise)[seen], blobs))
+        identities: IntArray = np.concatenate((self._others[seen], np.full(len(blobs), -1)))
+        order = self._random.permutation(len(bearings))
+        variances = np.full(len(bearings), self._variance)
+        return Bearings(time, bearings[order], variances, identities=identities[order])
+
+    def _hidden(self, teammates: FloatArray, own: FloatArray) -> BoolArray:
+        """Which teammates (n, 2) are behind another, a post, a leg or a box, from `own` (3,)."""
+        standing = to_frame(self._standing, own)
+        radii = np.concatenate((np.full(len(teammates), TURRET_RADIUS_M), self._radii))
+        hidden = hidden_by_cylinders(teammates, np.concatenate((teammates, standing)), radii)
+        if self._boxes_hide:
+            starts = np.broadcast_to(own[:2], teammates.shape)
+            ways = to_parent(teammates, own) - starts
+            lengths = np.hypot(*ways.T)
+            beams = Beams(starts, starts, ways / lengths[:, None])
+            hidden |= meet_boxes(beams, self._arena.furniture.boxes).distances < lengths
+        return hidden
+
+    def _detection_probability(self, positions: FloatArray) -> FloatArray:
+        """Perera 2021 eq. 30 with its greatest value and half-point as parameters."""
+        scenario = self._scenario
+        excess = np.hypot(positions[:, 0], positions[:, 1]) - scenario.camera_half_range_m
+        probability: FloatArray = scenario.camera_detection / (
+            1.0 + np.exp(np.minimum(scenario.camera_steepness_per_m * excess, 50.0))
+        )
+        return probability
+
+
+def hidden_by_cylinders(turrets: FloatArray, cylinders: FloatArray, radii: FloatArray) -> BoolArray:
+    """Which turrets (n, 2) have half their width behind one nearer cylinder, seen from the origin.
+
+    cylinders (m, 2) with radii (m,), all in m; the turrets are no cylinders unless among them.
+    """
+    distance = np.hypot(*turrets.T)[:, None]
+    half_width = np.arcsin(np.minimum(TURRET_RADIUS_M / distance, 1.0))
+    others = np.hypot(*cylinders.T)
+    half_others = np.arcsin(np.minimum(radii / others, 1.0))
+    bearings = np.arctan2(*turrets.T[::-1])[:, None] - np.arctan2(*cylinders.T[::-1])
+    off = np.abs(wrap(bearings))
+    covered = np.minimum(half_width, off + half_others) - np.maximum(-half_width, off - half_others)
+    behind: BoolArray = np.any((covered > half_width) & (others < distance), axis=1)
+    return behind
