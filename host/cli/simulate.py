@@ -30,7 +30,7 @@ Example:
 def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Path | None) -> None:
     """Record what a robot would measure in SCENARIO, with the truth, at full speed.
 
-    SCENARIO is arena4, swarm20 or misbuilt4, with settings as in
+    SCENARIO is arena4, swarm20, furnished6 or misbuilt4, with settings as in
     arena4:seconds=60,seed=1,robots=6.
     """
     with options.progress_bar() as progress:

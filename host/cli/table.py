@@ -13,6 +13,7 @@ _FIGURES = {
     "localisation_m": ("loc. m", 6, 3),
     "missed": ("missed", 6, 2),
     "false": ("false", 5, 2),
+    "stray": ("stray", 5, 2),
     "time_over_30cm": (">30cm %", 7, 1),
     "rmse_m": ("RMSE m", 6, 3),
     "p67_m": ("p67 m", 5, 3),
@@ -21,8 +22,9 @@ _FIGURES = {
     "update_ms_p99": ("p99 ms", 6, 2),
 }
 _LEGEND = """\
-missed, false: per scan. >30cm: teammates whose nearest estimate is further. ANEES: 1 is
-consistent, more is overconfident. ms: one predict and update. ratio: of GOSPA to clairvoyant's."""
+missed, false: per scan. stray: estimates over 30 cm from every teammate, per scan, at any range.
+>30cm: teammates whose nearest estimate is further. ANEES: 1 is consistent, more is overconfident.
+ms: one predict and update. ratio: of GOSPA to clairvoyant's."""
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -1,7 +1,8 @@
 """How good estimates are: GOSPA with its parts, and the figures papers on this problem report.
 
 A row of figures is one filter on one run. `time_over_30cm` rewards a filter that reports
-everywhere, so it stands beside the count of false estimates.
+everywhere, so it stands beside the counts of false estimates: `false` as GOSPA counts them, and
+`stray`, which excuses none: what is reported on furniture, posts or walls.
 """
 
 import math
@@ -47,6 +48,7 @@ class Row:
     localisation_m: float  # its localisation part (sum of d^p over matched pairs)^(1/p), m
     missed: float  # teammates without an estimate, per instant
     false: float  # estimates of nothing, per instant
+    stray: float  # estimates over 0.30 m from every teammate, at any range, per instant
     time_over_30cm: float  # share (0..1) of teammates whose nearest estimate is over 0.30 m away
     rmse_m: float  # root mean square distance of matched pairs, m
     p67_m: float  # 67th percentile of the distance of matched pairs, m (Belaroussi)
@@ -115,13 +117,20 @@ class Accumulator:
     _distances: list[FloatArray] = field(default_factory=list)
     _nearest: list[FloatArray] = field(default_factory=list)
     _nees: list[FloatArray] = field(default_factory=list)
+    _stray: list[int] = field(default_factory=list)
 
-    def add(self, truth: FloatArray, dont_care: FloatArray, estimate: Estimate) -> Gospa:
+    def add(
+        self,
+        truth: FloatArray,
+        dont_care: FloatArray,
+        estimate: Estimate,
+        teammates: FloatArray | None = None,
+    ) -> Gospa:
         """Score one instant, all positions in the same frame; instants come in time order.
 
         truth (m, 2): where teammates are that the filter should report. dont_care (k, 2): where
         something is whose report is no error; each excuses one estimate within c metres that no
-        teammate needs.
+        teammate needs. teammates (l, 2): all there are, where `truth` is a part of them.
         """
         positions = estimate.positions
         i, j = gospa_pairs(truth, positions, self.p, self.c)
@@ -133,6 +142,8 @@ class Accumulator:
         self._instants.append(scored)
         self._distances.append(distances)
         self._nearest.append(_nearest(truth, positions))
+        everyone = truth if teammates is None else teammates
+        self._stray.append(int(np.sum(_nearest(positions, everyone) > OVER_M)))
         weighted = np.linalg.solve(estimate.covariances[j], errors[:, :, None])[:, :, 0]
         self._nees.append(np.sum(errors * weighted, axis=1) / 2.0)
         if not math.isnan(self._last_time):
@@ -154,6 +165,7 @@ class Accumulator:
             whole._distances += run._distances
             whole._nearest += run._nearest
             whole._nees += run._nees
+            whole._stray += run._stray
         return whole
 
     def row(self, source: str, observer: str, filter_name: str, sensors: str) -> Row:
@@ -173,6 +185,7 @@ class Accumulator:
             localisation_m=_mean([g.localisation for g in self._instants]),
             missed=missed,
             false=false,
+            stray=_mean(self._stray),
             time_over_30cm=_mean(nearest > OVER_M),
             rmse_m=math.sqrt(_mean(distances**2)),
             p67_m=_percentile(distances, 67.0),
@@ -184,7 +197,7 @@ class Accumulator:
 
 
 def _nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
-    """Distance (m,) of each truth to its nearest estimate, matched or not; inf where none."""
+    """Distance (m,) of each truth to its nearest estimate, or the reverse; inf where none."""
     distances = np.linalg.norm(truth[:, None] - estimates[None], axis=2)
     return np.asarray(np.min(distances, axis=1, initial=math.inf))
 

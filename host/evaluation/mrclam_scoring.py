@@ -88,7 +88,7 @@ def score_observer(
         others = np.concatenate(
             (truth.positions[~wanted], dataset.landmarks_seen_from(observer, time))
         )
-        scored.add(truth.positions[wanted], others, estimate)
+        scored.add(truth.positions[wanted], others, estimate, truth.positions)
     return scored
 
 

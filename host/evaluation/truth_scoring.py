@@ -37,7 +37,7 @@ def score_by_track(
         inside = np.linalg.norm(truth.positions, axis=1) <= range_m
         wanted, beyond = truth.positions[inside], truth.positions[~inside]
         border = _spare_in_border(wanted, estimate, scored, range_m, band_m)
-        scored.add(wanted, np.concatenate((beyond, border)), estimate)
+        scored.add(wanted, np.concatenate((beyond, border)), estimate, truth.positions)
 
 
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:

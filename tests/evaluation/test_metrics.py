@@ -96,6 +96,7 @@ def test_a_row_computed_by_hand():
     assert row.gospa_m == pytest.approx((first + 0.0 + third) / 3)
     assert row.localisation_m == pytest.approx((0.1 + 0.0 + 0.4) / 3)
     assert (row.missed, row.false) == pytest.approx((1 / 3, 1 / 3))
+    assert row.stray == pytest.approx((1 + 0 + 2) / 3)
     assert row.cardinality_error == pytest.approx(0.0)
     assert row.time_over_30cm == pytest.approx(2 / 3)
     assert row.rmse_m == pytest.approx(math.sqrt((0.01 + 0.16) / 2))
@@ -105,7 +106,7 @@ def test_a_row_computed_by_hand():
     assert row.seconds == pytest.approx(2.5)
     assert " ".join(row.as_json()) == (
         "source observer filter sensors seconds gospa_m localisation_m missed false "
-        "time_over_30cm rmse_m p67_m cardinality_error anees update_ms_median update_ms_p99"
+        "stray time_over_30cm rmse_m p67_m cardinality_error anees update_ms_median update_ms_p99"
     )
 
 

@@ -67,3 +67,15 @@ def test_what_stands_in_the_border_is_never_false():
 def test_an_estimate_in_the_border_that_a_teammate_needs_excuses_no_other():
     assert parts([[1.95, 0.0]], [2.05, 0.0]) == (0.0, 0.0)
     assert parts([[1.95, 0.0]], [2.05, 0.0], [1.6, 0.0]) == (0.0, 1.0)
+
+
+def test_a_stray_estimate_counts_at_any_range_and_nothing_excuses_it():
+    def stray(teammates, *points):
+        return scored_row(teammates, an_estimate(0.0), an_estimate(6.0, *points)).stray
+
+    assert stray([[1.0, 0.0]], [1.29, 0.0]) == 0.0
+    assert stray([[1.0, 0.0]], [1.31, 0.0]) == 1.0  # matched, and yet where nobody is
+    assert stray([[1.0, 0.0]], [0.9, 0.0], [1.1, 0.0]) == 0.0  # twice, but where somebody is
+    assert stray([[1.0, 0.0]], [0.0, 2.3], [0.0, 7.0]) == 2.0  # in the border and beyond
+    assert stray([[4.0, 0.0]], [4.2, 0.0]) == 0.0  # somebody who need not be reported
+    assert stray([], [1.0, 0.0]) == 1.0

@@ -22,7 +22,7 @@ _LEG_RADIUS_M = (0.01, 0.0225)
 _TABLE_LEG_RADIUS_M = (0.015, 0.035)
 _GAP_M = 0.4  # between pieces at least, and between those that stand free and the walls
 _TRIES = 2000
-_CORNERS = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+_CORNERS: FloatArray = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +100,7 @@ def furnish(scenario: Scenario) -> Furniture:
 
 def corners(rectangle: FloatArray) -> FloatArray:
     """Corners (4, 2) m of a rectangle (5,), counter-clockwise from its left end ahead."""
-    ends: FloatArray = to_parent(_CORNERS * rectangle[3:], rectangle[:3])
-    return ends
+    return to_parent(_CORNERS * rectangle[3:], rectangle[:3])
 
 
 def nearest_points(rectangles: FloatArray, points: FloatArray) -> FloatArray:
@@ -112,7 +111,8 @@ def nearest_points(rectangles: FloatArray, points: FloatArray) -> FloatArray:
     inside = to_frame(points[:, None], rectangles[:, :3])
     x, y = np.moveaxis(np.clip(inside, -0.5 * rectangles[:, 3:], 0.5 * rectangles[:, 3:]), 2, 0)
     c, s = np.cos(rectangles[:, 2]), np.sin(rectangles[:, 2])
-    return rectangles[:, :2] + np.stack((c * x - s * y, s * x + c * y), axis=-1)
+    nearest: FloatArray = rectangles[:, :2] + np.stack((c * x - s * y, s * x + c * y), axis=-1)
+    return nearest
 
 
 class _Room:
