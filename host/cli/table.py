@@ -14,17 +14,17 @@ _FIGURES = {
     "missed": ("missed", 6, 2),
     "false": ("false", 5, 2),
     "stray": ("stray", 5, 2),
-    "time_over_30cm": (">30cm %", 7, 1),
+    "time_over_30cm": (">30cm%", 6, 1),
     "rmse_m": ("RMSE m", 6, 3),
     "p67_m": ("p67 m", 5, 3),
-    "anees": ("ANEES", 6, 2),
+    "anees": ("ANEES", 5, 2),
     "update_ms_median": ("ms", 5, 2),
-    "update_ms_p99": ("p99 ms", 6, 2),
+    "update_ms_p99": ("p99", 5, 2),
 }
 _LEGEND = """\
 missed, false: per scan. stray: estimates over 30 cm from every teammate, per scan, at any range.
 >30cm: teammates whose nearest estimate is further. ANEES: 1 is consistent, more is overconfident.
-ms: one predict and update. ratio: of GOSPA to clairvoyant's."""
+ms, p99: one predict and update. ratio: of GOSPA to clairvoyant's."""
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -37,11 +37,11 @@ def table(rows: Sequence[Row]) -> str:
 
 def _block(source: str, rows: Sequence[Row]) -> list[str]:
     best = {(row.observer, row.sensors): row.gospa_m for row in rows if row.filter == _BASELINE}
-    heading = f"  {'observer':9} {'filter':12} {'sensors':12}"
+    heading = f"  {'observer':8} {'filter':12} {'sensors':12}"
     heading += "".join(f" {name:>{width}}" for name, width, _ in _FIGURES.values())
     lines = [f"{source}   {rows[-1].seconds:.0f} s scored", heading + "  ratio"]
     for row in rows:
-        line = f"  {row.observer:9} {row.filter:12} {row.sensors:12}"
+        line = f"  {row.observer:8} {row.filter:12} {row.sensors:12}"
         for name, (_, width, decimals) in _FIGURES.items():
             value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
             line += f" {_number(value, decimals):>{width}}"

@@ -19,7 +19,7 @@ from host.sessions import runs
 COMMANDS = ("run", "flash", "simulate", "replay", "evaluate")
 KEYS = [
     *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
-    *("false", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error", "anees"),
+    *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error", "anees"),
     *("update_ms_median", "update_ms_p99"),
 ]
 SCENARIO = "arena4:seconds=7,seed=2"
@@ -280,6 +280,6 @@ def test_where_nobody_is_to_be_found_a_perfect_limit_divides_nothing():
 def test_a_table_without_a_limit_or_figures_has_dashes():
     text = table([Accumulator().row("nothing", "0", "phd", "lidar")])
     (row,) = (line for line in text.splitlines() if "phd" in line)
-    assert row.split()[3:] == ["-"] * 11
+    assert row.split()[3:] == ["-"] * 12
     assert max(map(len, text.splitlines())) <= 115
     assert math.isnan(Accumulator().row("", "", "", "").gospa_m)
