@@ -20,6 +20,7 @@ from host.messages import Bearings, Displacement, Estimate, Health, Message, Pos
 
 CAPACITY = 256  # messages: some 3 s of them
 _HEALTH_S = 1.0
+_STANDSTILL_S = 3.0  # without a report of the localizer, which is due every second
 _NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
 _POLL_S = 0.1
@@ -256,4 +257,7 @@ class Pipeline:
         if dropped:
             reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
             reason += "sensors (--sensors lidar)"
-        self._deliver(Health(now, LOCALIZER, not dropped, reason, dict(self._counts)))
+        if seconds > _STANDSTILL_S:
+            reason = f"stood still for {seconds:.0f} s: this computer was suspended or is too slow"
+        ok = not dropped and seconds <= _STANDSTILL_S
+        self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))

@@ -36,6 +36,8 @@ class ClockSync:
     # A counter so far ahead of what the line allows did not get there by running, s. It is more
     # than a first frame is likely to be late by, which makes all the following ones look early.
     RESTART_S = 2.0
+    # A counter so far behind for so long stood still: what a busy host reads late comes at once.
+    STOOD_S = 1.0
 
     def __init__(self, bits: int = 32, tick_s: float = 1e-6) -> None:
         """bits: width of the counter. tick_s: seconds per count."""
@@ -52,16 +54,19 @@ class ClockSync:
         self._blocks: deque[_Pair] = deque(maxlen=self.BLOCKS)
         self._block = 0
         self._origin, self._base, self._slope = 0.0, 0.0, 1.0
+        self._behind_since: float | None = None  # arrival, s
 
     def update(self, counter: int, arrival: float) -> float:
         """Host time (s) at which the device's counter stood at `counter`; never after `arrival`.
 
         counter: as sent, wrapped. arrival: host time (s) at which it came. Pairs come in the order
-        in which the device sent them. A counter that wrapped goes on; one that jumped starts anew
-        and is counted in `restarts`.
+        in which the device sent them. A counter that wrapped goes on; one that jumped or stood
+        still starts anew and is counted in `restarts`.
         """
         device = self._unwrap(counter, arrival)
-        if self._counter is not None and device > self._device_at(arrival) + self.RESTART_S:
+        if self._counter is not None and (
+            device > self._device_at(arrival) + self.RESTART_S or self._stood_still(device, arrival)
+        ):
             self.restarts += 1
             self.forget()
             device = 0.0
@@ -71,6 +76,14 @@ class ClockSync:
         if arrival > self._host_at(device) + self.LATE_S:
             self.late += 1
         return min(self._host_at(device), arrival)
+
+    def _stood_still(self, device: float, arrival: float) -> bool:
+        """Is the counter behind the line for so long that no delay explains it?"""
+        if arrival <= self._host_at(device) + self.RESTART_S:
+            self._behind_since = None
+        elif self._behind_since is None:
+            self._behind_since = arrival
+        return self._behind_since is not None and arrival > self._behind_since + self.STOOD_S
 
     def _unwrap(self, counter: int, arrival: float) -> float:
         """The device's time (s) since the first pair, with whole periods nobody saw added."""

@@ -31,6 +31,7 @@ from host.simulation.world.scenarios import Scenario
 
 PUMP_S = 0.01  # more would make every message look later than it is
 HEALTH_S = 1.0
+_STANDSTILL_S = 1.0  # without a turn of the pump: the process was suspended, or starved
 MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days
 LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
 
@@ -179,10 +180,10 @@ class LiveSimulation:
     def truth(self, time: float) -> Truth:
         """Where the teammates truly are at the host's `time` (s), in the robot's frame.
 
-        Of times within the last minute.
+        Of times within the last minute. While the process is suspended the world stands still.
         """
         with self._lock:
-            return replace(self._simulation.truth(time - self._start), time=time)
+            return replace(self._simulation.truth(max(0.0, time - self._start)), time=time)
 
     def bearings(self, frame: int) -> tuple[float, Bearings]:
         """Arrival (host time, s) and content of the image pair with this number, from 0."""
@@ -209,9 +210,15 @@ class LiveSimulation:
             self._failure = failure
 
     def _pump_until_stop(self) -> None:
+        done = worked = 0.0  # time up to which all is simulated; CPU time of this thread
         while not self._stop.wait(PUMP_S):
             now = self.clock() - self._start
+            idle = now - done - (time.thread_time() - worked)
             with self._lock:
+                if idle > _STANDSTILL_S:
+                    self._stand_still(idle)
+                    now -= idle
+                done, worked = now, time.thread_time()
                 self._plug(now)
                 for terminal, device in self._ports.values():
                     _exchange(terminal, device, now)
@@ -219,6 +226,12 @@ class LiveSimulation:
         # What the drivers sent when they ended: STOP, and wheel speeds of 0.
         for terminal, device in self._ports.values():
             device.receive(terminal.read(), self.clock() - self._start)
+
+    def _stand_still(self, seconds: float) -> None:
+        """Leave out a time in which nothing could be simulated, for the world and all in it."""
+        self._start += seconds
+        if self._pictures is not None:
+            self._pictures.stand_still(seconds)
 
     def _plug(self, now: float) -> None:
         for name, (terminal, device) in self._ports.items():

@@ -80,6 +80,10 @@ class Screen:
     def type(self, keys: bytes) -> None:
         os.write(self._handle, keys)
 
+    def send(self, number: int) -> None:
+        """Send it a signal."""
+        os.kill(self._pid, number)
+
     def kill(self) -> None:
         """End it by force where it still runs."""
         if self._pid:

@@ -46,6 +46,20 @@ def test_without_a_lidar_the_reason_is_on_the_screen_until_it_comes_and_ctrl_c_e
     assert re.search(r"[1-9]\d* bit-identical, 0 different", replayed.output)
 
 
+def test_a_run_that_was_suspended_says_so_and_goes_on(on_screen):
+    screen = on_screen("run", "--simulate", "arena4")
+    running = re.compile(r"[1-9] teammates?; within.* lidar +ok +scanning")
+    screen.wait_for(running.search)
+    screen.send(signal.SIGSTOP)
+    time.sleep(6.0)
+    screen.send(signal.SIGCONT)
+    screen.wait_for(lambda text: "suspended or is too slow" in text)
+    screen.wait_for(lambda text: running.search(text) and "localizer DOWN" not in text)
+    assert "check the plug" not in screen.written
+    screen.type(b"\x03")
+    assert screen.end() == 0
+
+
 def test_a_lidar_pulled_out_comes_back(tmp_path):
     figures_path = tmp_path / "figures.json"
     # Late enough that the lidar runs by then, on a busy computer, too.

@@ -139,6 +139,21 @@ def test_a_reset_starts_anew_and_is_counted_once(seed: int, age: float, away: fl
     assert max(abs(e) for e in after[int(5 / PERIOD_S) :]) < 1e-3
 
 
+@pytest.mark.parametrize(("seed", "seconds"), [(0, 3.0), (1, 25.0), (2, 600.0)])
+def test_a_counter_that_stood_still_starts_anew_within_two_seconds(
+    seed: int, seconds: float
+) -> None:
+    """As that of a device which was suspended while the host's clock ran on."""
+    print(f"seed {seed}")
+    device, sync = Device(seed, drift=0.002), ClockSync()
+    errors(device, sync, 1000.0, 15.0)
+    device.boot += seconds
+    after = errors(device, sync, 1015.0 + seconds, 12.0)
+    assert sync.restarts == 1
+    assert max(abs(e) for e in after[int(5.0 / PERIOD_S) :]) < 1e-3
+    assert max(abs(e) for e in after[int(2.0 / PERIOD_S) :]) < PERIOD_S
+
+
 def test_the_same_pairs_give_the_same_times() -> None:
     runs = [errors(Device(9, 0.001), ClockSync(), 1000.0, 10.0) for _ in range(2)]
     assert runs[0] == runs[1]

@@ -228,7 +228,10 @@ class BoardSession:
 
     def _unanswered(self, now: float) -> str:
         if self._restarted and now < self._last_report + PATIENCE_S:
-            return "the board restarted (power dip, reset button or watchdog): greeting it again"
+            return (
+                "the board restarted (power dip, reset button or watchdog) or its clock stood "
+                "still: greeting it again"
+            )
         if now < self._connected + PATIENCE_S:
             return "greeting the board"
         if self._heard:

@@ -96,6 +96,10 @@ class LiveCameras:
         for thread in self._threads:
             thread.start()
 
+    def stand_still(self, seconds: float) -> None:
+        """Leave out a time in which the world stood still."""
+        self._start += seconds
+
     def stop(self) -> None:
         """End both streams."""
         self._stop.set()
