@@ -190,8 +190,17 @@ class Cameras(Section):
     strip: Strip = Strip()
 
 
+class PmbSettings(Section):
+    """What `pmb` takes teammates and the things around them for (docs/filters.md)."""
+
+    speed_mps: float = Field(0.2, gt=0.0, le=5.0)  # of teammates that move, std per axis
+    appear_per_m2_s: float = Field(0.01, gt=0.0, lt=100.0)  # things that appear
+    obstacle_share: float = Field(0.9, ge=0.0, lt=1.0)  # of the things that appear
+    report_error_m: float = Field(0.5, gt=0.0, lt=100.0)  # an error as bad as no report
+
+
 class FilterSettings(Section):
-    """Which filter runs, and the settings of `phd` (chosen in docs/filters.md)."""
+    """Which filter runs, and its settings (chosen in docs/filters.md)."""
 
     profile: Annotated[str, AfterValidator(_registered(FILTERS))] = "phd"
     motion_noise_m: float = Field(0.09, gt=0.0, lt=5.0)  # std per axis after 1 s
@@ -207,6 +216,7 @@ class FilterSettings(Section):
     merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared, in units of the mean variance
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis
     capacity: int = Field(3000, ge=10, le=100_000)  # components
+    pmb: PmbSettings = PmbSettings()
 
     @model_validator(mode="after")
     def _forget_below_report(self) -> Self:

@@ -7,6 +7,7 @@ from host.estimator.interface import Filter
 from host.estimator.last_reading import LastReading
 from host.estimator.perera2021 import Perera2021Filter
 from host.estimator.phd import PhdFilter
+from host.estimator.pmb import PmbFilter
 from host.estimator.profiles import FilterEntry
 from host.estimator.profiles import make as make_filter
 from host.evaluation.metrics import Row, gospa
@@ -39,7 +40,8 @@ __all__ = ["load_mrclam", "load_optiodom", "load_recording", "simulate"]
 __all__ += ["Recorder", "Recording", "RecordingHeader", "Run"]
 __all__ += ["Calibration", "Localizer", "Row", "calibrate", "evaluate", "gospa", "localize"]
 __all__ += ["RobotConfig", "UserError", "load_config", "update_robot_file"]
-__all__ += ["Clairvoyant", "Filter", "LastReading", "Perera2021Filter", "PhdFilter", "make_filter"]
+__all__ += ["Clairvoyant", "Filter", "LastReading", "Perera2021Filter", "PhdFilter", "PmbFilter"]
+__all__ += ["make_filter"]
 __all__ += ["BOARDS", "FILTERS", "LIDARS", "SCENARIOS", "load_plugin"]
 __all__ += ["BoardEntry", "FilterEntry", "LidarEntry", "Scenario"]
 __all__ += ["Bearings", "Bodies", "Displacement", "Estimate"]

@@ -9,8 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOORS = {
-    "cli": 9,
-    "experiments": 8,
+    "cli": 8,
     "sessions": 7,
     "sources": 6,
     "pipeline": 5,

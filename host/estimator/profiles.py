@@ -11,6 +11,7 @@ from host.estimator.last_reading import LastReading
 from host.estimator.motion_modes import MotionModes
 from host.estimator.perera2021 import Perera2021Filter
 from host.estimator.phd import PhdFilter
+from host.estimator.pmb import PmbFilter
 from host.registry import FILTERS
 
 # In MR.CLAM (evaluation/mrclam_scoring.py) the references have settings of their own: robots drive
@@ -38,6 +39,9 @@ class FilterEntry:
 
 FILTERS.register(
     "phd", FilterEntry(lambda robot: PhdFilter(robot.filter, robot.lidar, robot.camera))
+)
+FILTERS.register(
+    "pmb", FilterEntry(lambda robot: PmbFilter(robot.filter, robot.lidar, robot.camera))
 )
 FILTERS.register("perera2021", FilterEntry(lambda robot: Perera2021Filter(robot.lidar)))
 # To compare with: the limit of what a filter can reach, and no filter at all.

@@ -13,10 +13,9 @@ from host.geometry import SECTORS, sector, wrap
 from host.messages import BoolArray, FloatArray
 
 _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
-_HIDDEN = 0.1  # behind something nearer
+_HIDDEN = 0.2  # behind something nearer, which may hide it in part only
 _HIDDEN_STRIP = 0.2  # the cameras look over the lidar: a nearer teammate hides most of a strip
-_UNCLEAR = 0.85  # something is there, but it was not recognised
-_NULL_LOSS = 0.6  # eq. 23: how much less likely a detection is where nothing comes back
+_NULL_LOSS = 0.95  # eq. 23: how much less likely a detection is where nothing comes back
 _RAYS = np.linspace(-1.0, 1.0, 7)
 _MARGIN_M = 0.12  # nearer by less than this does not hide
 
@@ -89,7 +88,6 @@ class LidarModel:
         beyond = clearance.take(sector(bearing)) - distance  # how much further one sees there
         factor = 1.0 - (1.0 - _HIDDEN) * (beyond < -_MARGIN_M)
         if measured:
-            factor -= (1.0 - _UNCLEAR) * (np.abs(beyond) <= _MARGIN_M)
             factor -= _NULL_LOSS * np.isinf(beyond)
         within = distance >= config.min_range_m
         if config.field_of_view_rad < math.tau:

@@ -99,8 +99,6 @@ def test_behind_something_nearer_a_target_is_seldom_seen():
         before, behind = sensor(0.0, [0.9], clearance), sensor(0.0, [1.5], clearance)
         assert before == pytest.approx(sensor(0.0, [0.9]))
         assert behind[0] < 0.25 * sensor(0.0, [1.5])[0]
-    # The cameras look over the lidar, so that a teammate hides less of a strip from them.
-    assert camera(0.0, [1.5], clearance)[0] > lidar(0.0, [1.5], clearance)[0]
 
 
 def test_a_target_does_not_hide_itself():
@@ -116,7 +114,7 @@ def test_only_the_clearance_in_the_targets_own_direction_counts():
         clearance[sector] = 0.5
         middle = math.radians(sector - 179.5)
         beside = math.remainder(middle + math.radians(1.0), math.tau)
-        assert lidar(middle, [1.0], clearance)[0] < 0.1
+        assert lidar(middle, [1.0], clearance)[0] < 0.2
         assert lidar(beside, [1.0], clearance)[0] > 0.85
 
 
@@ -124,10 +122,10 @@ def test_a_scan_tells_more_than_a_guess():
     far, at_target, nothing = np.full(SECTORS, 5.0), np.full(SECTORS, 1.0), OPEN
     plain = lidar(0.0, [1.0], far, measured=True)
     assert plain == pytest.approx(lidar(0.0, [1.0], far))
-    # Something stands there: if it is the target, it was told apart less often than not at all.
-    assert 0.5 * plain < lidar(0.0, [1.0], at_target, measured=True) < plain
+    # What stands there is the target.
+    assert lidar(0.0, [1.0], at_target, measured=True) == pytest.approx(plain)
     # Nothing came back: interference.
-    assert lidar(0.0, [1.0], nothing, measured=True) == pytest.approx(0.4 * plain)
+    assert lidar(0.0, [1.0], nothing, measured=True) == pytest.approx(0.05 * plain)
     assert lidar(0.0, [1.0], nothing, measured=False) == pytest.approx(plain)
 
 
@@ -210,9 +208,9 @@ def test_a_picture_says_nothing_of_what_it_cannot_show(centre: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("beyond_m", "factor"), [(-0.13, 0.1), (-0.11, 0.85), (0.11, 0.85), (0.13, 1.0)]
+    ("beyond_m", "factor"), [(-0.13, 0.2), (-0.11, 1.0), (0.11, 1.0), (0.13, 1.0)]
 )
-def test_within_12_cm_of_the_return_a_turret_is_there_but_may_not_be_recognised(beyond_m, factor):
+def test_within_12_cm_of_the_return_a_turret_is_not_hidden(beyond_m, factor):
     model = LidarModel(Lidar(blind_sectors=()))
     place = np.zeros(1), np.ones(1)
     clear = model.detection(*place, np.full(360, 3.0), True)

@@ -1,0 +1,230 @@
+"""The Poisson multi-Bernoulli filter over position, velocity, motion mode and class.
+
+The recursion is TOMB/P of Williams 2015 ("Marginal multi-Bernoulli filters: RFS derivation of MHT,
+JIPDA and association-based MeMBer", IEEE Trans. Aerospace and Electronic Systems 51(3)), with the
+association's marginals by loopy belief propagation (`association`). Each Bernoulli is one thing
+that may be there: an obstacle, or a teammate that stands, moves or cruises (`thing_modes`). To the
+lidar they look alike but for how they move; the cameras see teammates only. The steps: predict; for
+each set of readings detection, pairs, association, mixture, birth; reduce; label; report.
+docs/filters.md derives it.
+"""
+
+import math
+
+import numpy as np
+
+from host.config import Cameras, FilterSettings, Lidar
+from host.estimator.association import associate
+from host.estimator.evidence import likeness, new_share
+from host.estimator.gaussian_mixture import PXX, PXY, PYY
+from host.estimator.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
+from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
+from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
+from host.estimator.thing_modes import MODES, TEAMMATE, ThingModes, mixture
+from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
+
+# What is kept of each Bernoulli beside its Gaussians: when the lidar last placed it and when a
+# picture last had it in view (s), its label (0 until it is reported).
+SEEN, PICTURED, LABEL = range(3)
+_FADE_S = 1.0  # mean survival beyond the survival range
+_BELIEVED = 0.5  # from this existence on a thing can hide another
+_NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
+# Correlation times: misses follow each other, and pictures show the same scene.
+_SCANS_S, _PICTURES_S = 0.2, 0.3
+_LIDAR_FLOOR_M2 = 0.002**2  # what differs in how a turret looks from place to place
+_LEAST_EXISTENCE = 1e-3  # below this a thing is dropped
+_LONGEST_S = 1.0  # things that appeared longer ago were seen before or have gone
+
+
+class PmbFilter:
+    """Multi-target filter for anonymous teammates (see `host.estimator.interface.Filter`)."""
+
+    def __init__(
+        self,
+        settings: FilterSettings | None = None,
+        lidar: Lidar | None = None,
+        camera: Cameras | None = None,
+    ) -> None:
+        self._settings = settings or FilterSettings()
+        self._modes = ThingModes(self._settings.pmb)
+        lidar, camera = lidar or Lidar(), camera or Cameras()
+        self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
+        self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
+        self._width = lidar.target_diameter_m
+        # Weights are the probability that the thing is there and in that mode.
+        self._rows = np.zeros((ROWS, MODES, 0))
+        self._tracks = np.zeros((3, 0))
+        self._time = 0.0
+        self._scanned = -math.inf
+        self._next_label = 1
+
+    def predict(self, motion: Displacement) -> None:
+        """Williams 2015 thm. 1: each Bernoulli moves on and survives with p_S."""
+        self._time = motion.time
+        if not self._rows.shape[2]:
+            return
+        self._rows = self._modes.predict(self._rows, motion)
+        self._rows[WEIGHT] *= self._survival(motion.interval)
+
+    def _survival(self, dt: float) -> FloatArray:
+        """p_S (n,) over dt: Perera eq. 10 as a hazard, so that it does not depend on the rate."""
+        settings, whole = self._settings, mixture(self._rows)
+        far = np.hypot(whole[X], whole[Y]) > settings.survival_range_m
+        return np.asarray(np.exp(-dt / settings.survival_s - far * (dt / _FADE_S)))
+
+    def update(self, measurement: Positions | Bearings) -> None:
+        """Williams 2015 thm. 2 and TOMB/P for lidar positions or camera bearings, in any order."""
+        if isinstance(measurement, Positions):
+            self._update_by_lidar(measurement)
+        elif self._rows.shape[2]:
+            self._update_by_cameras(measurement)
+        self._reduce()
+        self._label()
+
+    def _update_by_lidar(self, measured: Positions) -> None:
+        """Readings of things whatever they are; a miss counts by the time since the last scan."""
+        settings, rows, whole = self._settings, self._rows, mixture(self._rows)
+        n, m = rows.shape[2], len(measured.positions)
+        elapsed = min(measured.time - self._scanned, _LONGEST_S)
+        self._scanned = measured.time
+        noise = measured.covariances + _LIDAR_FLOOR_M2 * np.eye(2)
+        detected = self._lidar_detection(whole, measured.clearance)
+        pairs = pair_positions(rows, whole, measured, noise, settings.gate)
+        pairs.updated[WEIGHT] *= detected.take(pairs.target)
+        missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
+        absent = 1.0 - whole[TOTAL] + whole[TOTAL] * missing
+        birth = settings.pmb.appear_per_m2_s * elapsed
+        background = self._lidar.clutter / likeness(measured) + birth
+        mass = pairs.mass()
+        ratios = mass / (absent.take(pairs.target) * background.take(pairs.reading))
+        found = associate(pairs.target, pairs.reading, ratios, n, m)
+        rows[WEIGHT] *= found.missed * missing / absent
+        pairs.updated[WEIGHT] *= found.pairs / np.maximum(mass, 1e-300)
+        self._rows = _merged(rows, pairs, whole)
+        self._tracks[SEEN, found.missed < 0.5] = measured.time
+        self._bear(measured, noise, found.unclaimed * birth / background)
+
+    def _lidar_detection(self, whole: FloatArray, measured: FloatArray | None) -> FloatArray:
+        """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
+        bearing, distance, clearance = self._surroundings(whole, measured)
+        return self._lidar.detection(bearing, distance, clearance, measured is not None)
+
+    def _bear(self, measured: Positions, noise: FloatArray, existence: FloatArray) -> None:
+        """A Bernoulli for each reading (m,), with the probability that it is a new thing.
+
+        What does not look like a turret is rather an obstacle. That it does is no evidence for a
+        teammate: what looks like one in this revolution, a post, does so in the next.
+        """
+        obstacle = self._settings.pmb.obstacle_share
+        teammate = (1.0 - obstacle) * likeness(measured)
+        lags = 0.0 if measured.lags is None else measured.lags
+        born = self._modes.born(
+            measured.positions, noise, lags, existence * teammate, existence * obstacle
+        )
+        tracks = np.zeros((3, len(existence)))
+        tracks[SEEN], tracks[PICTURED] = measured.time, -math.inf
+        self._rows = np.concatenate((self._rows, born), axis=2)
+        self._tracks = np.concatenate((self._tracks, tracks), axis=1)
+
+    def _update_by_cameras(self, measured: Bearings) -> None:
+        """Readings of teammates only: what has no strip is an obstacle, or not there.
+
+        L = 1 - P_D + sum over z of P_D N(z) nu(z) / kappa for each teammate mode, and 1 otherwise;
+        it counts with the share of it that is new.
+        """
+        settings, whole = self._settings, mixture(self._rows)
+        rows, teammates = self._rows, self._rows[:, TEAMMATE]
+        n, m = rows.shape[2], len(measured.bearings)
+        detected, share = self._camera_detection(whole, measured)
+        pairs = pair_bearings(teammates, whole, measured, share, settings.gate)
+        if self._use_ranges:
+            pairs = with_ranges(pairs, measured, share, self._camera_reach_m)
+        pairs.updated[WEIGHT] *= detected.take(pairs.target)
+        expected = detected * teammates[WEIGHT].sum(axis=0)
+        # Strips beyond what is expected are of teammates that the lidar has not shown yet.
+        width = 2.0 * max(measured.view[1], _NARROWEST_RAD)
+        clutter = self._camera.clutter + max(0.0, m - float(expected.sum())) / width
+        ratios = pairs.mass() / ((1.0 - expected).take(pairs.target) * clutter)
+        found = associate(pairs.target, pairs.reading, ratios, n, m)
+        pairs.updated[WEIGHT] *= found.messages / clutter
+        before = np.maximum(teammates[WEIGHT], 1e-20)
+        teammates = teammates.copy()
+        teammates[WEIGHT] *= 1.0 - detected
+        after = _merged(teammates, pairs, whole)
+        after[WEIGHT] = before * (after[WEIGHT] / before) ** share
+        rows[WEIGHT] /= 1.0 - before.sum(axis=0) + after[WEIGHT].sum(axis=0)
+        after[WEIGHT] /= 1.0 - before.sum(axis=0) + after[WEIGHT].sum(axis=0)
+        rows[:, TEAMMATE] = after
+
+    def _camera_detection(
+        self, whole: FloatArray, measured: Bearings
+    ) -> tuple[FloatArray, FloatArray]:
+        """P_D (n,) of each thing if it is a teammate (eq. 29); share of evidence that is new."""
+        bearing, distance, clearance = self._surroundings(whole, None)
+        detected = self._camera.detection(bearing, distance, clearance, measured.view)
+        pictured, taken = self._tracks[PICTURED], measured.time - measured.lag
+        share = new_share(taken - pictured, _PICTURES_S)
+        pictured[in_view(bearing, measured.view)] = taken
+        return detected, np.maximum(share, 1e-6)
+
+    def _surroundings(
+        self, whole: FloatArray, clearance: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Bearing and distance (n,) of each thing; how far one sees in every sector.
+
+        clearance (SECTORS,) m: as the scan measured it; None: worked out from the things.
+        """
+        bearing, distance = np.arctan2(whole[Y], whole[X]), np.hypot(whole[X], whole[Y])
+        if clearance is None:
+            present = whole[TOTAL] > _BELIEVED
+            clearance = clearance_of(bearing, distance, present, self._width)
+        return bearing, distance, clearance
+
+    def _reduce(self) -> None:
+        """Drop what is hardly there."""
+        there = self._rows[WEIGHT].sum(axis=0)
+        kept = (there > _LEAST_EXISTENCE).nonzero()[0]
+        self._rows, self._tracks = self._rows.take(kept, 2), self._tracks.take(kept, 1)
+
+    def _label(self) -> None:
+        """Number what is reported for the first time."""
+        new = (self._reported(self._teammates()) & (self._tracks[LABEL] == 0.0)).nonzero()[0]
+        self._tracks[LABEL, new] = np.arange(self._next_label, self._next_label + len(new))
+        self._next_label += len(new)
+
+    def _teammates(self) -> FloatArray:
+        """Each thing as a teammate, as one Gaussian (6, n)."""
+        return mixture(self._rows[:, TEAMMATE])
+
+    def _reported(self, teammates: FloatArray) -> BoolArray:
+        """Which Bernoullis (n,) lower the expected GOSPA (p = 2, cut-off c) by their report.
+
+        Missed, a teammate costs c²/2; reported, its squared error, or c²/2 if it is none:
+        w tr P + (1 - w) c²/2 < w c²/2.
+        """
+        half = 0.5 * self._settings.pmb.report_error_m**2
+        error = teammates[PXX] + teammates[PYY]
+        return np.asarray(teammates[TOTAL] * (2.0 * half - error) > half)
+
+    def estimate(self) -> Estimate:
+        """The teammates that are worth a report."""
+        teammates = self._teammates()
+        index = self._reported(teammates).nonzero()[0]
+        teammates, tracks = teammates.take(index, 1), self._tracks.take(index, 1)
+        return Estimate(
+            time=self._time,
+            positions=teammates[: Y + 1].T,
+            covariances=teammates[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2),
+            weights=teammates[TOTAL],
+            ages=self._time - tracks[SEEN],
+            labels=tracks[LABEL].astype(np.int64),
+        )
+
+
+def _merged(missed: FloatArray, pairs: Pairs, whole: FloatArray) -> FloatArray:
+    """Each Bernoulli (ROWS, k, n) as one Gaussian a mode, over missed and all its readings."""
+    n = missed.shape[2]
+    terms = np.concatenate((missed, pairs.updated), axis=2)
+    into = np.concatenate((np.arange(n), pairs.target))
+    return match_moments(terms, into, whole[: Y + 1])

@@ -1,1 +1,0 @@
-"""Experiments: the papers' figures for any source, results folders, sweeps."""
