@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from host.cli import options
 from host.cli.table import table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
+from host.experiments.results_folder import ResultsFolder
 from host.registry import FILTERS
 from host.sessions.evaluating import check_source, score_sources, step_count
 from host.sessions.robot import robot_configuration
@@ -22,6 +24,10 @@ is mrclam:FOLDER,landmarks=drop or clutter. Each teammate within {RANGE_M:g} m i
 every scan; errors are cut off at {CUT_OFF_M:g} m ({MRCLAM_CUT_OFF_M:g} m in the dataset).
 """
 
+_NO_PICTURES = """\
+the figures are CSV files only: matplotlib, which draws the pictures, is not installed
+to have them, too: pip install 'swarmloc[figures]'"""
+
 
 @click.command(
     help=_HELP,
@@ -30,6 +36,7 @@ every scan; errors are cut off at {CUT_OFF_M:g} m ({MRCLAM_CUT_OFF_M:g} m in the
 Examples:
   swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters phd,clairvoyant
   swarmloc evaluate today.swarmloc --json figures.json
+  swarmloc evaluate swarm20:seconds=300 --figures results
   swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
@@ -47,12 +54,20 @@ Examples:
 )
 @options.robot_or_recordings_option
 @options.json_option
+@click.option(
+    "--figures",
+    "figures_path",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write curves as CSV and pictures to a new folder in DIR (docs/experiments.md).",
+)
 def evaluate(
     sources: Sequence[str],
     filters: str,
     sensors: str,
     robot_path: Path | None,
     json_path: Path | None,
+    figures_path: Path | None,
 ) -> None:
     """Score filters on each source; `_HELP` is what the user reads."""
     names = options.several(filters, FILTERS.names(), "--filters")
@@ -60,10 +75,20 @@ def evaluate(
     robot = None if robot_path is None else robot_configuration(robot_path)
     for source in sources:  # what is mistyped fails before anything is computed
         check_source(source)
+    folder = None
+    if figures_path is not None:
+        asked = {"sources": list(sources), "filters": names, "sensors": chosen}
+        folder = ResultsFolder(figures_path, datetime.now(), asked)
+        if not folder.draw:
+            click.echo(_NO_PICTURES, err=True)
     size = step_count(sources, names, chosen)
     with click.progressbar(
         length=size, label="evaluating", item_show_func=lambda done: done or "", file=sys.stderr
     ) as bar:
-        rows = score_sources(sources, names, chosen, robot, lambda done: bar.update(1, done))
+        keep = (lambda scored: None) if folder is None else folder.take
+        rows = score_sources(sources, names, chosen, robot, lambda done: bar.update(1, done), keep)
     click.echo(table(rows))
     options.write_json(json_path, [row.as_json() for row in rows])
+    if folder is not None:
+        folder.finish(rows)
+        click.echo(f"figures: {folder.path}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from host.messages import Estimate, FloatArray, IntArray
+from host.messages import BoolArray, Estimate, FloatArray, IntArray, Truth
 
 # The cut-offs c of GOSPA, by what is scored: where truth is known at every time, and in MR.CLAM,
 # whose ranges err by 0.1 to 0.2 m.
@@ -30,6 +30,16 @@ class Gospa:
     localisation: float
     missed: int
     false: int
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """What was scored at one time. wanted (m,): which of all teammates were to be reported."""
+
+    truth: Truth
+    wanted: BoolArray
+    estimate: Estimate
+    gospa: Gospa
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +116,14 @@ class Accumulator:
     """Gathers scored instants of one filter, and makes them a `Row`.
 
     p, c: as in `gospa`. update_seconds: what each predict and update took, filled by the runner.
+    instants: what was scored, filled by whoever knows the teammates' names; for curves over time.
     """
 
     p: float = 2.0
     c: float = CUT_OFF_M
     seconds: float = 0.0
     update_seconds: list[float] = field(default_factory=list)
+    instants: list[Instant] = field(default_factory=list)
     _last_time: float = math.nan
     _instants: list[Gospa] = field(default_factory=list)
     _distances: list[FloatArray] = field(default_factory=list)
@@ -141,9 +153,9 @@ class Accumulator:
         scored = _parts(distances, len(truth), len(positions) - excused, self.p, self.c)
         self._instants.append(scored)
         self._distances.append(distances)
-        self._nearest.append(_nearest(truth, positions))
+        self._nearest.append(nearest(truth, positions))
         everyone = truth if teammates is None else teammates
-        self._stray.append(int(np.sum(_nearest(positions, everyone) > OVER_M)))
+        self._stray.append(int(np.sum(nearest(positions, everyone) > OVER_M)))
         weighted = np.linalg.solve(estimate.covariances[j], errors[:, :, None])[:, :, 0]
         self._nees.append(np.sum(errors * weighted, axis=1) / 2.0)
         if not math.isnan(self._last_time):
@@ -161,6 +173,7 @@ class Accumulator:
                 raise ValueError("runs scored with different p or c cannot be pooled")
             whole.seconds += run.seconds
             whole.update_seconds += run.update_seconds
+            whole.instants += run.instants
             whole._instants += run._instants
             whole._distances += run._distances
             whole._nearest += run._nearest
@@ -171,7 +184,7 @@ class Accumulator:
     def row(self, source: str, observer: str, filter_name: str, sensors: str) -> Row:
         """The figures of all instants so far."""
         distances = np.concatenate([*self._distances, np.zeros(0)])
-        nearest = np.concatenate([*self._nearest, np.zeros(0)])
+        farther = np.concatenate([*self._nearest, np.zeros(0)])
         update_ms = 1000.0 * np.array(self.update_seconds)
         missed = _mean([g.missed for g in self._instants])
         false = _mean([g.false for g in self._instants])
@@ -186,7 +199,7 @@ class Accumulator:
             missed=missed,
             false=false,
             stray=_mean(self._stray),
-            time_over_30cm=_mean(nearest > OVER_M),
+            time_over_30cm=_mean(farther > OVER_M),
             rmse_m=math.sqrt(_mean(distances**2)),
             p67_m=_percentile(distances, 67.0),
             cardinality_error=false - missed,
@@ -196,7 +209,7 @@ class Accumulator:
         )
 
 
-def _nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
+def nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
     """Distance (m,) of each truth to its nearest estimate, or the reverse; inf where none."""
     distances = np.linalg.norm(truth[:, None] - estimates[None], axis=2)
     return np.asarray(np.min(distances, axis=1, initial=math.inf))

@@ -14,7 +14,7 @@ import numpy as np
 from host.config import FilterSettings, Lidar, RobotConfig
 from host.estimator.interface import Filter
 from host.estimator.profiles import filter_entry
-from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Row
+from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Instant, Row
 from host.evaluation.runner import estimates_at
 from host.messages import Displacement, FloatArray, IntArray, Positions
 from host.recording.mrclam import Dataset, Landmarks
@@ -22,7 +22,7 @@ from host.recording.mrclam import Dataset, Landmarks
 _WARM_UP_S = 60.0
 _EVERY_S = 1.0
 _REMEMBER_S = 5.0  # T
-_CAMERA = "camera"  # of ranges and bearings
+CAMERA = "camera"  # of ranges and bearings
 
 NewFilter = Callable[[], Filter]
 
@@ -88,29 +88,25 @@ def score_observer(
         others = np.concatenate(
             (truth.positions[~wanted], dataset.landmarks_seen_from(observer, time))
         )
-        scored.add(truth.positions[wanted], others, estimate, truth.positions)
+        gospa = scored.add(truth.positions[wanted], others, estimate, truth.positions)
+        scored.instants.append(Instant(truth, wanted, estimate, gospa))
     return scored
 
 
-def mrclam_rows(
-    dataset: Dataset,
-    filters: Mapping[str, NewFilter],
-    landmarks: Landmarks,
-    source: str,
-) -> list[Row]:
-    """Rows of each filter: one for every observer, then all of them pooled."""
-    scores: dict[str, dict[int, Accumulator]] = {name: {} for name in filters}
-    for robot in dataset.robots:
-        messages = dataset.messages(robot, landmarks)
-        for name, new_filter in filters.items():
-            scores[name][robot] = score_observer(dataset, robot, messages, new_filter())
-    rows = []
-    for name, by_robot in scores.items():
-        rows += [
-            scored.row(source, str(robot), name, _CAMERA) for robot, scored in by_robot.items()
-        ]
-        rows.append(Accumulator.pooled(by_robot.values()).row(source, "all", name, _CAMERA))
-    return rows
+def mrclam_scores(
+    dataset: Dataset, new_filter: NewFilter, landmarks: Landmarks
+) -> dict[int, Accumulator]:
+    """A filter on every observer's recording, by observer."""
+    return {
+        robot: score_observer(dataset, robot, dataset.messages(robot, landmarks), new_filter())
+        for robot in dataset.robots
+    }
+
+
+def mrclam_rows(scores: Mapping[int, Accumulator], name: str, source: str) -> list[Row]:
+    """Rows of a filter: one for every observer, then all of them pooled."""
+    rows = [scored.row(source, str(robot), name, CAMERA) for robot, scored in scores.items()]
+    return [*rows, Accumulator.pooled(scores.values()).row(source, "all", name, CAMERA)]
 
 
 def _sightings(

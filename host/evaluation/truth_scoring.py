@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from host.evaluation.labels import TruthTrack
-from host.evaluation.metrics import CUT_OFF_M, Accumulator, gospa_pairs
+from host.evaluation.metrics import CUT_OFF_M, Accumulator, Instant, gospa_pairs
 from host.messages import Estimate, FloatArray, Truth
 
 RANGE_M = 2.0  # the sensing range of the thesis: who is nearer is to be reported
@@ -37,7 +37,8 @@ def score_by_track(
         inside = np.linalg.norm(truth.positions, axis=1) <= range_m
         wanted, beyond = truth.positions[inside], truth.positions[~inside]
         border = _spare_in_border(wanted, estimate, scored, range_m, band_m)
-        scored.add(wanted, np.concatenate((beyond, border)), estimate, truth.positions)
+        gospa = scored.add(wanted, np.concatenate((beyond, border)), estimate, truth.positions)
+        scored.instants.append(Instant(truth, inside, estimate, gospa))
 
 
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:

@@ -4,13 +4,15 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 from host.config import RobotConfig
 from host.errors import UserError
 from host.evaluation import mrclam_scoring
 from host.evaluation.metrics import Accumulator, Row
+from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT, NewFilter
 from host.evaluation.truth_scoring import WARM_UP_S
+from host.messages import Displacement
 from host.recording import mrclam
 from host.recording.mrclam import Landmarks
 from host.sessions import runs
@@ -22,6 +24,19 @@ _LANDMARKS = ("drop", "clutter")
 
 Scores = dict[tuple[str, str], Accumulator]  # by filter and sensors
 Step = Callable[[str], None]
+
+
+class Scored(NamedTuple):
+    """One observer of a source: its configuration, its odometry, and the scores of each filter."""
+
+    source: str
+    observer: str
+    config: RobotConfig
+    motion: list[Displacement]
+    scores: Scores
+
+
+Keep = Callable[[Scored], None]
 
 
 def check_source(source: str) -> None:
@@ -44,29 +59,37 @@ def _no_step(done: str) -> None:
     pass
 
 
+def _keep_nothing(scored: Scored) -> None:
+    pass
+
+
 def score_sources(
     sources: Sequence[str],
     filters: Sequence[str],
     sensors: Sequence[str],
     robot: RobotConfig | None = None,
     step: Step = _no_step,
+    keep: Keep = _keep_nothing,
 ) -> list[Row]:
     """Rows of each filter with each choice of sensors on each source, in this order.
 
     source: a recording, a scenario (arena4:seconds=120,seed=1) or mrclam:FOLDER,landmarks=drop.
     Several seeds of one scenario are pooled besides, in rows at the end. robot: None for the
-    recordings' own and else the default. step: called with what has just been scored. Raises
-    UserError where a source is not there, has no truth or is too short.
+    recordings' own and else the default. step: called with what has just been scored. keep:
+    called with each observer once it is scored by all filters. Raises UserError where a source is
+    not there, has no truth or is too short.
     """
     rows: list[Row] = []
     scored: list[tuple[Scenario, Scores]] = []
     for source in sources:
         if source.startswith(_DATASET):
-            rows += _dataset_rows(source, filters, step)
+            rows += _dataset_rows(source, filters, step, keep)
             continue
         run = runs.load_run(source, robot)
         scores = _scores(run, filters, sensors, step)
         rows += _rows(source, run.observer, scores)
+        motion = [message for message in run.messages if isinstance(message, Displacement)]
+        keep(Scored(source, run.observer, run.config, motion, scores))
         if run.scenario is not None:
             scored.append((run.scenario, scores))
     return [*rows, *_pooled(scored)]
@@ -115,15 +138,22 @@ def _pooled(scored: Sequence[tuple[Scenario, Scores]]) -> Iterator[Row]:
             yield from _rows(f"{scenario.name} x{len(group)}", str(OBSERVER), whole)
 
 
-def _dataset_rows(source: str, names: Sequence[str], step: Step) -> list[Row]:
+def _dataset_rows(source: str, names: Sequence[str], step: Step, keep: Keep) -> list[Row]:
     folder, landmarks = _dataset(source)
     dataset = mrclam.load_dataset(folder)
     rows: list[Row] = []
-    for name in names:
-        rows += mrclam_scoring.mrclam_rows(
-            dataset, {name: mrclam_scoring.mrclam_maker(name)}, landmarks, source
-        )
+    by_robot: dict[int, Scores] = {robot: {} for robot in dataset.robots}
+    makers: dict[str, NewFilter] = {name: mrclam_scoring.mrclam_maker(name) for name in names}
+    for name, maker in makers.items():
+        found = mrclam_scoring.mrclam_scores(dataset, maker, landmarks)
+        rows += mrclam_scoring.mrclam_rows(found, name, source)
+        for robot, scored in found.items():
+            by_robot[robot][name, CAMERA] = scored
         step(f"{source} {name}")
+    for robot, scores in by_robot.items():
+        messages = dataset.messages(robot, landmarks)
+        motion = [message for message in messages if isinstance(message, Displacement)]
+        keep(Scored(source, str(robot), MRCLAM_ROBOT, motion, scores))
     return rows
 
 

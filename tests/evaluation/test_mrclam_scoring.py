@@ -7,6 +7,7 @@ from host.estimator.last_reading import LastReading
 from host.evaluation.mrclam_scoring import (
     mrclam_maker,
     mrclam_rows,
+    mrclam_scores,
     score_observer,
     scored_instants,
 )
@@ -86,9 +87,10 @@ def test_a_robot_is_to_be_reported_after_it_was_read_not_before(dataset):
 
 
 def test_rows_are_one_for_each_observer_and_one_for_all(dataset):
-    rows = mrclam_rows(
-        dataset, {name: mrclam_maker(name) for name in REFERENCES}, "drop", "miniature"
-    )
+    rows = []
+    for name in REFERENCES:
+        scores = mrclam_scores(dataset, mrclam_maker(name), "drop")
+        rows += mrclam_rows(scores, name, "miniature")
     assert [row.observer for row in rows] == ["1", "2", "3", "4", "5", "all"] * 2
     assert [row.filter for row in rows] == ["clairvoyant"] * 6 + ["last_reading"] * 6
     assert {row.source for row in rows} == {"miniature"}

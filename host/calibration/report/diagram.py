@@ -3,7 +3,10 @@
 import io
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from host.messages import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Okabe and Ito's, distinct for the colour-blind, too; markers make series distinct in grey.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
@@ -34,6 +38,8 @@ _STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
+# Nothing in the file changes from run to run.
+_NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
 def svg(picture: ReportPicture, number: int) -> str:
@@ -41,6 +47,33 @@ def svg(picture: ReportPicture, number: int) -> str:
 
     Raises ImportError where matplotlib is not installed.
     """
+    text = io.StringIO()
+    with _drawn(picture) as figure:
+        figure.savefig(text, format="svg", metadata=_NO_METADATA)
+    element = text.getvalue()
+    element = element[element.index("<svg") :].strip()
+    element = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>p{number}-", element)
+    element = re.sub(r"<!--.*?-->\n?", "", element, flags=re.DOTALL)
+    return "\n".join(line.strip() for line in element.split("\n"))
+
+
+def save(picture: ReportPicture, stem: Path) -> None:
+    """Write the picture, under its title, to STEM.svg and STEM.png.
+
+    Raises ImportError where matplotlib is not installed, OSError where a file cannot be written.
+    """
+    with _drawn(picture) as figure:
+        figure.suptitle(picture.title, fontsize=9.5, x=0.01, ha="left")
+        (axes,) = figure.axes
+        if not picture.equal and axes.dataLim.y0 >= 0.0:
+            axes.set_ylim(bottom=0.0)
+        figure.savefig(f"{stem}.svg", metadata=_NO_METADATA)
+        figure.savefig(f"{stem}.png")
+
+
+@contextmanager
+def _drawn(picture: ReportPicture) -> Iterator["Figure"]:
+    """The figure, to be saved within this context: its style holds only here."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -48,14 +81,7 @@ def svg(picture: ReportPicture, number: int) -> str:
         size = _SQUARE_IN if picture.equal else _SIZE_IN
         figure = Figure(figsize=size, dpi=150, layout="constrained")
         _draw(figure.add_subplot(), picture)
-        text = io.StringIO()
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(text, format="svg", metadata=nothing)
-    element = text.getvalue()
-    element = element[element.index("<svg") :].strip()
-    element = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>p{number}-", element)
-    element = re.sub(r"<!--.*?-->\n?", "", element, flags=re.DOTALL)
-    return "\n".join(line.strip() for line in element.split("\n"))
+        yield figure
 
 
 def _draw(axes: "Axes", picture: ReportPicture) -> None:

@@ -1,0 +1,1 @@
+"""Experiments: the papers' figures for any source, results folders, sweeps."""
