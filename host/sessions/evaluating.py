@@ -8,7 +8,8 @@ from typing import NamedTuple, cast
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.evaluation import mrclam_scoring
+from host.evaluation import faults, mrclam_scoring
+from host.evaluation.faults import Faults
 from host.evaluation.metrics import Accumulator, Row
 from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT, NewFilter
 from host.evaluation.truth_scoring import WARM_UP_S
@@ -44,7 +45,7 @@ def check_source(source: str) -> None:
     if source.startswith(_DATASET):
         _dataset(source)
         return
-    found = runs.find_source(source)
+    found = runs.find_source(faults.split(source)[0])
     if isinstance(found, Scenario) and found.seconds <= WARM_UP_S:
         raise _too_short(source)
 
@@ -73,14 +74,15 @@ def score_sources(
 ) -> list[Row]:
     """Rows of each filter with each choice of sensors on each source, in this order.
 
-    source: a recording, a scenario (arena4:seconds=120,seed=1) or mrclam:FOLDER,landmarks=drop.
+    source: a recording, a scenario (arena4:seconds=120,seed=1) or mrclam:FOLDER,landmarks=drop;
+    of the first two the sensors may fail, as in arena4:camera_false=5 (`host.evaluation.faults`).
     Several seeds of one scenario are pooled besides, in rows at the end. robot: None for the
     recordings' own and else the default. step: called with what has just been scored. keep:
     called with each observer once it is scored by all filters. Raises UserError where a source is
     not there, has no truth or is too short.
     """
     rows: list[Row] = []
-    scored: list[tuple[Scenario, Scores]] = []
+    scored: list[tuple[Scenario, Faults, Scores]] = []
     for source in sources:
         if source.startswith(_DATASET):
             rows += _dataset_rows(source, filters, step, keep)
@@ -91,7 +93,7 @@ def score_sources(
         motion = [message for message in run.messages if isinstance(message, Displacement)]
         keep(Scored(source, run.observer, run.config, motion, scores))
         if run.scenario is not None:
-            scored.append((run.scenario, scores))
+            scored.append((run.scenario, run.faults, scores))
     return [*rows, *_pooled(scored)]
 
 
@@ -127,15 +129,16 @@ def _rows(source: str, observer: str, scores: Scores) -> Iterator[Row]:
         yield scored.row(source, observer, name, sensors)
 
 
-def _pooled(scored: Sequence[tuple[Scenario, Scores]]) -> Iterator[Row]:
+def _pooled(scored: Sequence[tuple[Scenario, Faults, Scores]]) -> Iterator[Row]:
     """Rows of all seeds of one scenario together, where there are several."""
-    groups: dict[Scenario, list[Scores]] = defaultdict(list)
-    for scenario, scores in scored:
-        groups[replace(scenario, seed=0)].append(scores)
-    for scenario, group in groups.items():
+    groups: dict[tuple[Scenario, Faults], list[Scores]] = defaultdict(list)
+    for scenario, wrong, scores in scored:
+        groups[replace(scenario, seed=0), wrong].append(scores)
+    for (scenario, wrong), group in groups.items():
         if len(group) > 1:
             whole = {key: Accumulator.pooled(scores[key] for scores in group) for key in group[0]}
-            yield from _rows(f"{scenario.name} x{len(group)}", str(OBSERVER), whole)
+            name = f"{scenario.name}{'' if wrong == faults.NONE else ' faulty'} x{len(group)}"
+            yield from _rows(name, str(OBSERVER), whole)
 
 
 def _dataset_rows(source: str, names: Sequence[str], step: Step, keep: Keep) -> list[Row]:

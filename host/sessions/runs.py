@@ -1,7 +1,7 @@
 """Runs to replay and to score: recordings, and scenarios simulated at full speed."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator import profiles
+from host.evaluation.faults import NONE, Faults, split
 from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
 from host.evaluation.monitored import MonitoredFilter
@@ -45,7 +46,8 @@ def unseen(time: float, seconds: float) -> None:
 class Run:
     """What one robot's devices said, in order, and where its teammates truly were.
 
-    name: the source as the user wrote it. scenario: where it was simulated just now.
+    name: the source as the user wrote it. scenario: where it was simulated just now. faults:
+    what was wrong with its sensors.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Run:
     messages: list[Measurement | Displacement]
     truths: list[Truth]
     scenario: Scenario | None = None
+    faults: Faults = NONE
 
     @property
     def sensors(self) -> list[str]:
@@ -95,18 +98,23 @@ def find_source(source: str) -> Recording | Scenario:
 def load_run(source: str, robot: RobotConfig | None) -> Run:
     """Read a recording or simulate a scenario; a recording is read as if taken with `robot`.
 
-    Raises UserError where there is neither, and for a recording without truth.
+    The source may set faults of its sensors (`host.evaluation.faults`). Raises UserError where
+    there is neither, and for a recording without truth.
     """
-    if isinstance(find_source(source), Scenario):
-        return simulate_scenario(source, robot)
-    run = load_recording(source, robot)
+    sound, faults = split(source)
+    simulated = isinstance(find_source(sound), Scenario)
+    run = simulate_scenario(sound, robot) if simulated else load_recording(sound, robot)
     if not run.truths:
         raise UserError(
             f"{source} cannot be scored",
             "it holds no truth: nobody measured where the teammates really were",
             "score a simulated run, or `swarmloc replay` it to see what is estimated",
         )
-    return run
+    if faults == NONE:
+        return run
+    seed = run.scenario.seed if run.scenario else 0
+    messages = faults.applied(run.messages, seed)
+    return replace(run, name=source, messages=messages, faults=faults)
 
 
 def load_recording(path: str | Path, robot: RobotConfig | None = None) -> Run:
