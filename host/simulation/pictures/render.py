@@ -2,26 +2,27 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from host.config import Camera, Cameras
+from host.geometry import wrap
 from host.messages import FloatArray, Image
 from host.perception.lens import View
 from host.simulation.pictures.blocks import Drawn, drawn
 from host.simulation.pictures.painting import Painter, Sprite, lay
 from host.simulation.pictures.patches import Patch, in_band, red_patches
+from host.simulation.pictures.rooms import ROOMS
 from host.simulation.pictures.scenery import Scenery
-from host.simulation.pictures.sightings import Sightings, visible
-from host.simulation.pictures.solids import POST, POST_TOP_M, own_faces, robot_faces
+from host.simulation.pictures.sightings import NOTHING, Sightings, visible
+from host.simulation.pictures.solids import BIN, POST, POST_TOP_M, own_faces, robot_faces
 from host.simulation.world.arena import BODY_RADIUS_M
 from host.simulation.world.furniture import NO_FURNITURE, Furniture
 
 _LAMP_RAD = 0.7  # where in the room the light comes from
 _NOISE_MARGIN_PX = 64
-_PEDESTAL = 2.5  # of the noise's std
 _FRAME_SPREAD_RAD = math.radians(100.0)
 
 
@@ -29,30 +30,37 @@ _FRAME_SPREAD_RAD = math.radians(100.0)
 class Look:
     """How pictures look, beside what is in them.
 
-    quality: of the JPEG. noise: std of the sensor's, of 255; black is as much above 0 as it takes
-    to show nearly all of it. brightness: factor on all values;
+    quality: of the JPEG. noise: std of the sensor's, of 255. pedestal: how far black is above 0, in
+    that std; 2.5 show nearly all of the noise. brightness: factor on all values;
     light_spread: by how much of it the light changes from picture to picture, slowly.
     exposure_s: a rotation blurs by it. floor_patches, wall_patches: red things in the room that are
     no strips, drawn where they stay out of the band in which strips appear; in_band_share: of
-    them, those that do come into it.
+    them, those that do come into it. room: a name in ROOMS. light: factors on (blue, green, red)
+    of lamps for which the camera's white balance is not set. fringe: by how much of the distance
+    from the centre a lens draws red farther out than green, and blue farther in.
     """
 
     quality: int = 75
     noise: float = 3.0
+    pedestal: float = 2.5
     brightness: float = 1.0
     light_spread: float = 0.15
     exposure_s: float = 0.008
     floor_patches: int = 4
     wall_patches: int = 4
     in_band_share: float = 0.0
+    room: str = "plain"
+    light: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    fringe: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """What is around the robot at one time.
 
-    teammates (n, 2) and posts (m, 2) m, and furniture, in the robot frame; pose (3,): the robot's
-    own x, y (m) and heading (rad) in the room; turn_rate_radps: how fast it rotates.
+    teammates (n, 2) and posts (m, 2) m, furniture, and red bins (k, 2) m, in the robot frame;
+    pose (3,): the robot's own x, y (m) and heading (rad) in the room; turn_rate_radps: how fast it
+    rotates.
     """
 
     teammates: FloatArray
@@ -61,6 +69,7 @@ class Surroundings:
     half_side_m: float
     turn_rate_radps: float = 0.0
     furniture: Furniture = NO_FURNITURE
+    bins: FloatArray = field(default_factory=lambda: NOTHING)
 
 
 class Renderer:
@@ -98,15 +107,31 @@ class Renderer:
             lay(canvas, sprite, gain)
         if self._own is not None:
             lay(canvas, self._own, gain)
+        canvas = self._through_lens(canvas)
         self._add_noise(canvas, random)
+        return canvas
+
+    def _through_lens(self, canvas: Image) -> Image:
+        """The canvas (h, w, 3) in the lamps' light, with the lens' fringes of colour."""
+        look, camera = self._look, self.view.lens.camera
+        if look.light != (1.0, 1.0, 1.0):
+            canvas = np.asarray(cv2.transform(canvas, np.diag(look.light)), dtype=np.uint8)
+        if look.fringe:
+            centre = np.array([camera.centre_x_px, camera.centre_y_px])
+            size = (camera.width_px, camera.height_px)
+            for channel, sign in ((0, -1.0), (2, 1.0)):
+                scale = 1.0 + sign * look.fringe
+                map_ = np.column_stack((scale * np.eye(2), (1.0 - scale) * centre))
+                moved = cv2.warpAffine(canvas[..., channel], map_, size, flags=cv2.INTER_LINEAR)
+                canvas[..., channel] = moved
         return canvas
 
     def _enter_room(self, half_side_m: float) -> None:
         if half_side_m == self._half_side_m:
             return
         random = np.random.default_rng([self._seed, round(1000.0 * half_side_m)])
-        self._scenery = Scenery(self.view, half_side_m, random)
         look = self._look
+        self._scenery = Scenery(self.view, half_side_m, random, ROOMS[look.room])
         self._patches = red_patches(
             half_side_m, look.floor_patches, look.wall_patches, look.in_band_share, random
         )
@@ -130,7 +155,7 @@ class Renderer:
                 yield sprite
 
     def _things(self, scene: Surroundings, viewpoint: FloatArray, lamp: float) -> Iterator[Drawn]:
-        """Teammates, posts and furniture, each with its distance."""
+        """Teammates, posts, bins and furniture, each with its distance."""
         strip = self._cameras.strip
         for place in scene.teammates:
             faces = robot_faces(strip, place, viewpoint, lamp)
@@ -138,6 +163,9 @@ class Renderer:
         for place in scene.posts:
             faces = POST.faces(place, viewpoint, lamp)
             yield math.hypot(*(place - viewpoint[:2])), faces, np.append(place, 0.5 * POST_TOP_M)
+        for place in scene.bins:
+            faces = BIN.faces(place, viewpoint, lamp)
+            yield math.hypot(*(place - viewpoint[:2])), faces, np.append(place, 0.5 * BIN.top_m)
         yield from drawn(scene.furniture, viewpoint, lamp)
 
     def _gain(self, number: int, random: np.random.Generator) -> float:
@@ -152,7 +180,9 @@ class Renderer:
         camera = self.view.lens.camera
         shape = (camera.height_px + _NOISE_MARGIN_PX, camera.width_px + _NOISE_MARGIN_PX, 3)
         random = np.random.default_rng([self._seed, 0])
-        noise = self._look.noise * (random.standard_normal(shape, dtype=np.float32) + _PEDESTAL)
+        noise = self._look.noise * (
+            random.standard_normal(shape, dtype=np.float32) + self._look.pedestal
+        )
         return np.asarray(np.rint(np.clip(noise, 0, 255)), dtype=np.uint8)
 
     def _add_noise(self, canvas: Image, random: np.random.Generator) -> None:
@@ -177,11 +207,14 @@ def frames(
     posts: int = 2,
     ranges_m: tuple[float, float] = (0.4, 3.0),
     turn_rate_radps: float = 1.0,
+    beside_bin: bool = False,
 ) -> Iterator[tuple[bytes, Sightings]]:
     """Yield `count` pictures (JPEG) of random scenes and what is truly visible in each.
 
     The teammates stand at `ranges_m` from the camera, anywhere within 100 deg of its heading. The
     robot rotates by up to `turn_rate_radps`. camera: the front one of `cameras` where not given.
+    beside_bin: a red bin stands 30 deg beside the first teammate, 0.5 m from the camera, if the
+    place is free.
     """
     cameras = cameras or Cameras()
     camera = camera or cameras.front
@@ -192,9 +225,23 @@ def frames(
         pose = np.append(random.uniform(-0.2, 0.2, 2), random.uniform(-math.pi, math.pi))
         things = _scatter(teammates, posts, camera, ranges_m, random)
         turn_rate = random.uniform(-turn_rate_radps, turn_rate_radps)
-        scene = Surroundings(things[:teammates], things[teammates:], pose, half_side, turn_rate)
+        bins = _beside(things, camera) if beside_bin else NOTHING
+        scene = Surroundings(
+            things[:teammates], things[teammates:], pose, half_side, turn_rate, bins=bins
+        )
         jpeg = renderer.render(scene, number)
-        yield jpeg, visible(renderer.view, cameras.strip, scene.teammates, scene.posts)
+        yield jpeg, visible(renderer.view, cameras.strip, scene.teammates, scene.posts, bins=bins)
+
+
+def _beside(things: FloatArray, camera: Camera) -> FloatArray:
+    """The place (1, 2) m of the bin beside the first of `things` (n, 2); none where it is taken."""
+    place = np.array([camera.x_m, camera.y_m])
+    x, y = things[0] - place
+    bearing = math.atan2(y, x)
+    inward = math.copysign(math.radians(30.0), wrap(camera.heading_rad - bearing))
+    place += 0.5 * np.array([math.cos(bearing + inward), math.sin(bearing + inward)])
+    apart = np.hypot(*(things - place).T).min()
+    return place[None] if apart > BODY_RADIUS_M + BIN.radius_m else NOTHING
 
 
 def _scatter(

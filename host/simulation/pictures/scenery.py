@@ -9,42 +9,37 @@ from numpy.typing import NDArray
 from host.geometry import rotation, to_parent
 from host.messages import FloatArray, Image
 from host.perception.lens import View
+from host.simulation.pictures.rooms import PLAIN, RoomPaint, as_image
 from host.simulation.world.raycast import Beams, meet_walls
 
-COARSE = 5  # px of the picture a side of one that is computed: nothing here is sharp
 Single = NDArray[np.float32]
 
 _BEARINGS = 4096
 _WALL_TOP_M = 2.5
-_POSTERS = (  # none of them red
-    (120.0, 90.0, 50.0),
-    (70.0, 120.0, 70.0),
-    (60.0, 60.0, 62.0),
-    (90.0, 170.0, 190.0),
-    (88.0, 112.0, 140.0),
-    (215.0, 215.0, 215.0),
-)
 _LENS_EDGE_RAD = (1.61, 1.73)  # a 180-degree lens is bright up to the first, dark from the second
 
 
 class Scenery:
     """Floor and walls of one square room, in one camera's pictures."""
 
-    def __init__(self, view: View, half_side_m: float, random: np.random.Generator) -> None:
+    def __init__(
+        self, view: View, half_side_m: float, random: np.random.Generator, paint: RoomPaint = PLAIN
+    ) -> None:
         self._half_side_m = half_side_m
+        self._coarse = coarse = paint.coarse_px
         self._origin = view.origin
         camera = view.lens.camera
         self._size = (camera.width_px, camera.height_px)
-        rows = np.arange(math.ceil(camera.height_px / COARSE))
-        columns = np.arange(math.ceil(camera.width_px / COARSE))
+        rows = np.arange(math.ceil(camera.height_px / coarse))
+        columns = np.arange(math.ceil(camera.width_px / coarse))
         self._shape = (len(rows), len(columns))
         x, y = np.meshgrid(columns, rows)
-        corners = COARSE * np.stack((x.ravel(), y.ravel()), axis=1)
-        pixels: FloatArray = corners.astype(np.float64) + 0.5 * (COARSE - 1)
+        corners = coarse * np.stack((x.ravel(), y.ravel()), axis=1)
+        pixels: FloatArray = corners.astype(np.float64) + 0.5 * (coarse - 1)
         self._look_along(view.directions_of(pixels))
         falloff = _falloff(view, pixels).reshape(self._shape)
         self._falloff = np.repeat(falloff[..., None], 3, axis=2)
-        self._texture = _Texture(half_side_m, random)
+        self._texture = _Texture(half_side_m, paint, random)
 
     def _look_along(self, directions: FloatArray) -> None:
         """Keep of the rays what does not depend on where the robot stands."""
@@ -64,14 +59,15 @@ class Scenery:
 
         turn_rad: by how much the robot rotates while the picture is exposed.
         """
-        steps = min(5, 1 + int(abs(turn_rad) * 0.25 * self._size[0] / COARSE))
+        steps = min(5, 1 + int(abs(turn_rad) * 0.25 * self._size[0] / self._coarse))
         angles = ((np.arange(steps) + 0.5) / steps - 0.5) * turn_rad
         mean = np.zeros((*self._shape, 3), dtype=np.float32)
         for angle in angles:
             rotated = np.array([pose[0], pose[1], pose[2] + angle])
             cv2.accumulate(self._at(rotated), mean)
         coarse = cv2.convertScaleAbs(cv2.multiply(mean, self._falloff), alpha=gain / steps)
-        large = cv2.resize(coarse, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
+        fine = self._coarse
+        large = cv2.resize(coarse, None, fx=fine, fy=fine, interpolation=cv2.INTER_LINEAR)
         width, height = self._size
         return np.asarray(large[:height, :width], dtype=np.uint8)
 
@@ -94,17 +90,19 @@ class Scenery:
 class _Texture:
     """Floor and walls in one image: the floor's square above the walls' long band."""
 
-    def __init__(self, half_side_m: float, random: np.random.Generator) -> None:
+    def __init__(self, half_side_m: float, paint: RoomPaint, random: np.random.Generator) -> None:
         self._half_side_m = half_side_m
-        self._per_m = min(100.0, 1500.0 / half_side_m / 2.0)
+        self._per_m = min(paint.per_m, 15.0 * paint.per_m / half_side_m / 2.0)
         side = math.ceil(2.0 * half_side_m * self._per_m)
         tall = math.ceil(_WALL_TOP_M * self._per_m)
         self._side, self._tall = side, tall
         image = np.zeros((side + 1 + tall, 4 * side, 3), dtype=np.uint8)
-        image[:side, :side] = self._floor(random)
+        image[:side, :side] = as_image(paint.floor((side, side), self._per_m, random))
         image[side] = image[side - 1]  # so that no colour runs over from the walls
         image[:, side] = image[:, side - 1]
-        image[side + 1 :] = self._walls(random)
+        walls = paint.walls((tall, 4 * side), self._per_m, random)
+        lit = np.repeat(random.uniform(0.75, 1.0, 4), side)  # each wall unlike the others
+        image[side + 1 :] = as_image(walls * lit[None, :, None])
         self._image = image
 
     def on_floor(self, points: Single) -> tuple[Single, Single]:
@@ -126,40 +124,6 @@ class _Texture:
         )
         return np.asarray(found, dtype=np.uint8)
 
-    def _floor(self, random: np.random.Generator) -> Image:
-        """A worn grey-brown floor in tiles of half a metre."""
-        side = self._side
-        floor = np.array([104.0, 116.0, 124.0]) * _worn((side, side), 0.09, random)[..., None]
-        tile = max(1, int(0.5 * self._per_m))
-        shades = random.uniform(0.94, 1.06, (side // tile + 1, side // tile + 1))
-        floor *= np.kron(shades, np.ones((tile, tile)))[:side, :side, None]
-        floor[::tile] *= 0.8
-        floor[:, ::tile] *= 0.8
-        return _as_image(floor)
-
-    def _walls(self, random: np.random.Generator) -> Image:
-        """Four light walls with a skirting board, doors and posters, lit unlike each other."""
-        shape = (self._tall, 4 * self._side)
-        walls = np.array([176.0, 184.0, 188.0]) * _worn(shape, 0.03, random)[..., None]
-        for _ in range(int(4.0 * self._half_side_m)):
-            left = random.integers(0, shape[1])
-            right = left + int(random.uniform(0.2, 0.9) * self._per_m)
-            low, high = (int(h * self._per_m) for h in np.sort(random.uniform(0.1, 2.3, 2)))
-            walls[low:high, left:right] = _POSTERS[random.integers(len(_POSTERS))]
-        walls[: max(1, int(0.07 * self._per_m))] = (62.0, 70.0, 76.0)
-        lit = np.repeat(random.uniform(0.75, 1.0, 4), self._side)
-        return _as_image(walls * lit[None, :, None])
-
-
-def _worn(shape: tuple[int, int], strength: float, random: np.random.Generator) -> FloatArray:
-    """Brightness (h, w) around 1 with spots of many sizes."""
-    height, width = shape
-    worn = np.ones(shape)
-    for size in (2, 5, 20, 80):
-        spots = random.standard_normal((height // size + 2, width // size + 2), dtype=np.float32)
-        worn += 0.5 * strength * cv2.resize(spots, (width, height), interpolation=cv2.INTER_CUBIC)
-    return worn
-
 
 def _falloff(view: View, pixels: FloatArray) -> Single:
     """How bright (n,) the lens draws `pixels` (n, 2): less towards its edge, nothing beyond."""
@@ -170,7 +134,3 @@ def _falloff(view: View, pixels: FloatArray) -> Single:
     edge = np.clip((dark - angle) / (dark - bright), 0.0, 1.0)
     bright_here = edge * (1.0 - 0.1 * np.minimum(angle, 2.0) ** 2)
     return np.asarray(bright_here, dtype=np.float32)
-
-
-def _as_image(values: FloatArray) -> Image:
-    return np.clip(values, 0.0, 255.0).astype(np.uint8)

@@ -43,7 +43,12 @@ class SearchedCamera:
         if found is None:
             return None
         truth = visible(
-            self._renderer.view, self._strip, scene.teammates, scene.posts, scene.furniture
+            self._renderer.view,
+            self._strip,
+            scene.teammates,
+            scene.posts,
+            scene.furniture,
+            scene.bins,
         )
         return dataclasses.replace(found, identities=self._identify(found, truth, identities))
 

@@ -8,9 +8,10 @@ from host.config import Strip
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import View
 from host.simulation.pictures.blocks import Block, opaque
-from host.simulation.pictures.solids import POST, Cylinder, robot_of, strip_of
+from host.simulation.pictures.solids import BIN, POST, Cylinder, robot_of, strip_of
 from host.simulation.world.furniture import NO_FURNITURE, Furniture
 
+NOTHING: FloatArray = np.zeros((0, 2))
 _ACROSS, _UP = 24, 6  # places on a strip that are looked at
 
 
@@ -34,8 +35,9 @@ def visible(
     teammates: FloatArray,
     posts: FloatArray,
     furniture: Furniture = NO_FURNITURE,
+    bins: FloatArray = NOTHING,
 ) -> Sightings:
-    """What `view` truly sees of teammates (n, 2) m among posts (m, 2) m and furniture.
+    """What `view` truly sees of teammates (n, 2) m among posts (m, 2), bins (k, 2) m, furniture.
 
     All are in the robot frame.
     """
@@ -47,6 +49,7 @@ def visible(
         for part in (*robot_of(strip), coat)
     ]
     solids += [(-1, POST, place) for place in posts]
+    solids += [(-1, BIN, place) for place in bins]
     solids += [(-1, solid, place) for solid, place in opaque(furniture)]
     shares = [
         _share(view, coat, place, [solid[1:] for solid in solids if solid[0] != number])

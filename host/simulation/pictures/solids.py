@@ -138,6 +138,7 @@ def robot_of(strip: Strip) -> tuple[Cylinder, ...]:
 
 
 POST = Cylinder(TURRET_RADIUS_M, 0.0, POST_TOP_M, _WOOD, _WOOD)
+BIN = Cylinder(0.08, 0.0, 0.45, RED, RED)  # as tall as a fire extinguisher, and as red
 
 
 def robot_faces(
