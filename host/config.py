@@ -8,7 +8,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -162,16 +162,47 @@ class Camera(Section):
     roll_rad: float = Field(0.0, ge=-math.pi, le=math.pi)  # clockwise, seen from behind
 
 
-class Strip(Section):
-    """The strip that teammates wear: a cylinder's coat, and its colour as HSV has it."""
+_ONE_COLOUR = {"height_m": 0.22, "tall_m": 0.04}  # the thesis' strip, where it differs
+_COLOUR_KEYS = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")
 
-    height_m: float = Field(0.22, gt=0.0, lt=2.0)  # of its middle above the floor
-    tall_m: float = Field(0.04, gt=0.001, lt=1.0)
+
+class Strip(Section):
+    """The strip that teammates wear: a cylinder's coat.
+
+    pattern: green over magenta, each half of tall_m ("two_colours"), or one colour in the range of
+    HSV that the last four settings give ("one_colour", Perera 2021).
+    """
+
+    pattern: Literal["two_colours", "one_colour"] = "one_colour"
+    height_m: float = Field(0.2, gt=0.0, lt=2.0)  # of its middle above the floor
+    tall_m: float = Field(0.08, gt=0.001, lt=1.0)
     diameter_m: float = Field(0.1, gt=0.005, lt=1.0)
     hue_deg: float = Field(0.0, ge=0.0, lt=360.0)
     hue_width_deg: float = Field(40.0, gt=0.0, le=180.0)
     saturation_min: float = Field(0.45, ge=0.0, le=1.0)
     value_min: float = Field(0.12, ge=0.0, le=1.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults_of_the_pattern(cls, data: Any) -> Any:
+        """Fill in the pattern's own size. Files from before there were two have no pattern."""
+        if not isinstance(data, dict):
+            return data
+        if "pattern" not in data and any(key in data for key in _COLOUR_KEYS):
+            data = {"pattern": "one_colour", **data}
+        if data.get("pattern", cls.model_fields["pattern"].default) == "one_colour":
+            data = {**_ONE_COLOUR, **data}
+        return data
+
+    @model_validator(mode="after")
+    def _colours_are_used(self) -> Self:
+        given = [k for k in _COLOUR_KEYS if getattr(self, k) != type(self).model_fields[k].default]
+        if self.pattern == "two_colours" and given:
+            raise ValueError(
+                f"{', '.join(given)} describe a strip of one colour: remove them, or write "
+                'pattern = "one_colour"'
+            )
+        return self
 
 
 class Cameras(Section):

@@ -14,9 +14,10 @@ from host.cli.options import json_option, robot_option, write_json
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.messages import Image
+from host.perception.blob import Blob
 from host.perception.jpeg_decoder import UnusableError, fastest_decoder, read_header
-from host.perception.red_strip import Blob, StripFinder
 from host.perception.strip_geometry import StripGeometry
+from host.perception.strips import StripFinder
 from host.sessions.robot import robot_configuration
 
 _LEARNT = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")

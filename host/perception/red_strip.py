@@ -1,6 +1,6 @@
-"""JPEG → red blobs → bearings of teammates (Perera 2021 ch. 5.4, eq. 33–37).
+"""Strips of one colour in a reduced picture (Perera 2021 ch. 5.4, eq. 33–37).
 
-The picture is reduced to a quarter as it is decoded, and only as far down as strips can be. What
+What
 has the strip's colour is outlined; parts of one strip are put together; what cannot be a strip at
 its height, at any distance in reach, is dropped with a reason. The bearing is the mean over the
 blob's pixels, each weighted by its colour and by how much of the world it covers.
@@ -9,14 +9,16 @@ Eq. 33 gives the azimuth with the ray's coordinates exchanged: it is atan2(y, x)
 """
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from host.config import Camera, Cameras
-from host.messages import Bearings, FloatArray, Image, IntArray
-from host.perception.jpeg_decoder import SCALE, JpegDecoder, UnusableError, fastest_decoder
+from host.config import Cameras
+from host.messages import FloatArray, Image, IntArray
+from host.perception.blob import Blob
+from host.perception.jpeg_decoder import SCALE
 from host.perception.strip_colour import StripColour
 from host.perception.strip_geometry import REACH_M, StripGeometry, full_size
 
@@ -26,28 +28,6 @@ _MERGED_WIDE = 1.3
 _EDGE = 0.15  # of a strip's full colour: less is taken for the background
 _PIXEL_STD = 0.1  # std of a blob's middle in reduced pixels
 _MOST_BLOBS = 200  # a picture that has more is of another colour than it should be
-
-
-@dataclass(frozen=True, slots=True)
-class Blob:
-    """Something in the strip's colour. x, y (its middle), width, height, area_px: full-size px.
-
-    kept: may be a teammate; reason: why not. bearing_rad in the robot frame, from the camera's
-    place, with variance_rad2 (without the camera's own noise). range_m: what its size says of the
-    distance from the lens, with its std; a strip hidden in part seems farther away.
-    """
-
-    x: float
-    y: float
-    width: float
-    height: float
-    area_px: float
-    kept: bool
-    reason: str = ""
-    bearing_rad: float = math.nan
-    variance_rad2: float = math.nan
-    range_m: float = math.nan
-    range_std_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,76 +67,30 @@ def _hull(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]
     return min(a[0], b[0]), max(a[1], b[1])
 
 
-class StripFinder:
-    """Finds teammates' strips in one camera's pictures. For one thread.
+class OneColourSearch:
+    """Finds strips of one colour in one camera's reduced pictures.
 
-    counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
-    found. decoder: the fastest that is installed, unless another is given. name: of the camera, as
-    its Bearings name it.
+    counts: where pictures with too many blobs are counted.
     """
 
-    def __init__(
-        self, cameras: Cameras, camera: Camera, decoder: JpegDecoder | None = None, name: str = ""
-    ) -> None:
-        self._cameras, self._camera, self._name = cameras, camera, name
-        self.decoder = decoder or fastest_decoder()
-        self._size = (camera.width_px, camera.height_px)
+    def __init__(self, cameras: Cameras, geometry: StripGeometry, counts: Counter[str]) -> None:
+        self._cameras, self.geometry, self._counts = cameras, geometry, counts
         self._colour = StripColour(cameras.strip)
-        self.geometry = StripGeometry(cameras, camera)
-        self.counts: dict[str, int] = {"pictures": 0, "strips": 0}
 
-    def find(self, jpeg: bytes, time: float) -> Bearings | None:
-        """Bearings of the teammates in a picture taken at `time`; None where it is not whole."""
-        try:
-            blobs = [blob for blob in self.search(jpeg) if blob.kept]
-        except UnusableError:
-            return None
-        noise = self._cameras.bearing_noise_rad**2
-        return Bearings(
-            time=time,
-            bearings=np.array([blob.bearing_rad for blob in blobs], dtype=float),
-            variances=np.array([noise + blob.variance_rad2 for blob in blobs], dtype=float),
-            origin=(self._camera.x_m, self._camera.y_m),
-            view=self.geometry.view,
-            ranges=np.array([blob.range_m for blob in blobs], dtype=float),
-            range_variances=np.array([blob.range_std_m**2 for blob in blobs], dtype=float),
-            camera=self._name,
-            pixels=np.array([(blob.x, blob.y) for blob in blobs], dtype=float).reshape(-1, 2),
-        )
-
-    def blobs(self, jpeg: bytes) -> list[Blob]:
-        """Everything in the strip's colour, left to right; none where the picture is not whole."""
-        try:
-            return self.search(jpeg)
-        except UnusableError:
-            return []
-
-    def search(self, jpeg: bytes) -> list[Blob]:
-        """As `blobs`; raises UnusableError, once counted, where the picture is not whole."""
-        self._count("pictures")
-        try:
-            picture = self.decoder.decode(jpeg, self._size, self.geometry.rows)
-        except UnusableError as error:
-            self._count(f"pictures_{error}")
-            raise
+    def blobs_in(self, picture: Image) -> list[Blob]:
+        """Everything in the strip's colour, left to right. picture (rows, columns, 3) BGR."""
         patches = self._patches(self.mask(picture))
-        blobs = [self._judge(patch, picture) for patch in self._merge(patches)]
-        for blob in blobs:
-            self._count("strips" if blob.kept else f"dropped_{blob.reason}")
-        return blobs
+        return [self._judge(patch, picture) for patch in self._merge(patches)]
 
     def mask(self, picture: Image) -> Image:
         """255 where a reduced picture (h, w, 3) has the strip's colour, in the lens: (h, w)."""
         drawn = cv2.bitwise_and(self._colour.mask(picture), self.geometry.drawn)
         return np.asarray(drawn, dtype=np.uint8)
 
-    def _count(self, name: str) -> None:
-        self.counts[name] = self.counts.get(name, 0) + 1
-
     def _patches(self, mask: Image) -> list[_Patch]:
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if len(contours) > _MOST_BLOBS:
-            self._count("pictures_overfull")
+            self._counts["pictures_overfull"] += 1
             contours = sorted(contours, key=len, reverse=True)[:_MOST_BLOBS]
         patches = [
             self._patch(np.asarray(contour, dtype=np.int64)[:, 0, :]) for contour in contours

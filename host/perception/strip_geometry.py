@@ -14,9 +14,10 @@ from host.messages import BoolArray, FloatArray, Image
 from host.perception.jpeg_decoder import SCALE
 from host.perception.lens import View
 
+GREEN_RGB, MAGENTA_RGB = (55, 166, 79), (188, 49, 129)  # sRGB of the two colours, as printed
 REACH_M = 0.2  # no teammate's strip comes nearer to a lens
 BODY_M = 0.2  # nothing on the floor so near to the robot's middle is but its own body
-_LEVEL_RAD = 0.05  # a robot pitches and rolls so much as it drives
+LEVEL_RAD = 0.05  # a robot pitches and rolls so much as it drives
 _BEARINGS, _RANGES = 720, 25
 
 
@@ -35,8 +36,8 @@ class StripGeometry:
         self._offset_m = cameras.strip.height_m - camera.z_m
         distances = np.geomspace(REACH_M, cameras.max_range_m, _RANGES)
         elevations = np.arctan2(self._offset_m, distances)
-        self.lowest = float(elevations.min()) - _LEVEL_RAD
-        self.highest = float(elevations.max()) + _LEVEL_RAD
+        self.lowest = float(elevations.min()) - LEVEL_RAD
+        self.highest = float(elevations.max()) + LEVEL_RAD
         self.rows, self.view = self._survey(distances)
         self.drawn, self.azimuth, self.elevation, self.solid_angle = self._directions()
 
@@ -90,6 +91,26 @@ class StripGeometry:
         mask = np.where(drawn, 255, 0).astype(np.uint8)
         return mask, azimuth, elevation, np.where(drawn, solid_angle, 0.0)
 
+    def reduced_pixels(
+        self, azimuth: FloatArray, elevation: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """x, y in the reduced picture of directions (rad, any shape); nan where there is none."""
+        bearing, level = azimuth + self._camera.heading_rad, np.cos(elevation)
+        rays = (level * np.cos(bearing), level * np.sin(bearing), np.sin(elevation))
+        pixels = self._view.lens.project(
+            np.stack(rays, axis=-1).reshape(-1, 3) @ self._view.to_robot
+        )
+        x, y = reduced(pixels).T.reshape(2, *azimuth.shape)
+        return x, y
+
+    def edges(self, distance_m: float) -> tuple[float, float, float]:
+        """Elevations (rad) of a strip's upper edge, middle and lower edge, `distance_m` away."""
+        half = 0.5 * self._cameras.strip.tall_m
+        upper, middle, lower = (
+            math.atan2(self._offset_m + side * half, distance_m) for side in (1.0, 0.0, -1.0)
+        )
+        return upper, middle, lower
+
     def on_own_body(self, azimuth: float, elevation: float) -> bool:
         """Whether a ray meets the floor within the robot's own outline."""
         if elevation >= 0.0:
@@ -98,6 +119,11 @@ class StripGeometry:
         x = self._camera.x_m + reach * math.cos(bearing)
         y = self._camera.y_m + reach * math.sin(bearing)
         return math.hypot(x, y) < BODY_M
+
+    @property
+    def heading_rad(self) -> float:
+        """Of the camera: where its azimuth is 0."""
+        return self._camera.heading_rad
 
     def bearing(self, azimuth: float) -> float:
         """Bearing (rad, in [-pi, pi)) in the robot frame (Perera 2021 eq. 37, repaired)."""
@@ -119,3 +145,8 @@ def _longest_run(shown: BoolArray) -> tuple[int, int]:
 def full_size(index: FloatArray) -> FloatArray:
     """Where the middle of a pixel of the reduced picture lies in the full one, px."""
     return SCALE * np.asarray(index, dtype=float) + 0.5 * (SCALE - 1)
+
+
+def reduced(pixels: FloatArray) -> FloatArray:
+    """Where places of the full picture lie in the reduced one: the way back of `full_size`."""
+    return (np.asarray(pixels, dtype=float) - 0.5 * (SCALE - 1)) / SCALE

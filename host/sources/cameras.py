@@ -7,7 +7,7 @@ from collections.abc import Callable
 from host.config import Camera, Cameras
 from host.drivers.camera.driver import CameraDriver, Picture
 from host.messages import Health, Message
-from host.perception.red_strip import StripFinder
+from host.perception.strips import StripFinder
 
 
 class StripCamera:

@@ -11,8 +11,9 @@ import pytest
 from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
 from host.messages import Image
+from host.perception.blob import Blob
 from host.perception.jpeg_decoder import OpenCvDecoder, TurboDecoder
-from host.perception.red_strip import Blob, StripFinder
+from host.perception.strips import StripFinder
 from host.simulation.pictures.render import Look, frames
 from tests.perception.drawn_strips import (
     STRIP_BGR,

@@ -8,7 +8,7 @@ import pytest
 
 from host.config import Cameras
 from host.geometry import wrap
-from host.perception.red_strip import StripFinder
+from host.perception.strips import StripFinder
 from host.simulation.pictures.render import Look, Renderer, Surroundings
 from host.simulation.pictures.sightings import visible
 

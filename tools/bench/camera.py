@@ -27,7 +27,7 @@ from host.config import Cameras
 from host.geometry import wrap
 from host.perception.jpeg_decoder import OpenCvDecoder
 from host.perception.lens import View
-from host.perception.red_strip import StripFinder
+from host.perception.strips import StripFinder
 from host.simulation.pictures.render import Look, frames
 from host.simulation.pictures.sightings import Sightings
 

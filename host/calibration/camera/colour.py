@@ -9,8 +9,8 @@ import numpy as np
 from host.config import Strip
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray, Image
+from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
-from host.perception.red_strip import Blob
 from host.perception.strip_geometry import StripGeometry
 
 Box = tuple[int, int, int, int]  # left, top, width, height in full-size px

@@ -4,12 +4,13 @@ Faces are in the robot frame (m). Colours are (blue, green, red), 0 to 255, at f
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from host.config import Strip
 from host.messages import BoolArray, FloatArray
+from host.perception.strip_geometry import GREEN_RGB, MAGENTA_RGB
 from host.simulation.world.arena import TURRET_RADIUS_M
 
 Colour = tuple[float, float, float]
@@ -125,6 +126,17 @@ def strip_of(strip: Strip) -> Cylinder:
     )
 
 
+def bands_of(strip: Strip) -> tuple[Cylinder, ...]:
+    """The strip's coat in its colours: one band, or green over magenta."""
+    coat = strip_of(strip)
+    if strip.pattern == "one_colour":
+        return (coat,)
+    return (
+        replace(coat, bottom_m=strip.height_m, colour=_bgr(GREEN_RGB)),
+        replace(coat, top_m=strip.height_m, colour=_bgr(MAGENTA_RGB)),
+    )
+
+
 def robot_of(strip: Strip) -> tuple[Cylinder, ...]:
     """A teammate without its strip: body, the turret under the strip, a mast on it."""
     coat = strip_of(strip)
@@ -147,7 +159,7 @@ def robot_faces(
     """Return a teammate at `position` (2,), in the order in which to paint it."""
     # Of two parts, one on the other, the one nearer to the viewpoint's height covers the other.
     parts = sorted(
-        (*robot_of(strip), strip_of(strip)),
+        (*robot_of(strip), *bands_of(strip)),
         key=lambda part: -max(part.bottom_m - viewpoint[2], viewpoint[2] - part.top_m, 0.0),
     )
     return [face for part in parts for face in part.faces(position, viewpoint, light_rad)]
@@ -188,3 +200,8 @@ def lit(colour: Colour, light: float) -> Colour:
     """Return the colour at a share `light` of full light."""
     blue, green, red = colour
     return light * blue, light * green, light * red
+
+
+def _bgr(rgb: tuple[int, int, int]) -> Colour:
+    red, green, blue = rgb
+    return float(blue), float(green), float(red)

@@ -12,8 +12,8 @@ from host.calibration.camera import colour as strip_colour
 from host.config import Cameras, Strip
 from host.errors import UserError
 from host.perception.jpeg_decoder import OpenCvDecoder
-from host.perception.red_strip import StripFinder
 from host.perception.strip_geometry import StripGeometry
+from host.perception.strips import StripFinder
 from tests.perception.drawn_strips import background, draw_coat, draw_strip, encode, place
 
 CAMERA = Cameras()
