@@ -27,6 +27,7 @@ FLOORS = {
     "messages": 1,
     "geometry": 1,
     "config": 1,
+    "config_cameras": 1,
     "config_errors": 1,
     "registry": 1,
     "folders": 1,

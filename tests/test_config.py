@@ -184,3 +184,32 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
 def test_a_filter_cannot_forget_before_it_reports():
     with pytest.raises(UserError, match=r"line 1: filter: forget_weight must be at most"):
         parse_config("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
+
+
+def test_a_strip_has_the_size_of_its_pattern_unless_it_is_given() -> None:
+    both = [
+        parse_config(f'[camera.strip]\npattern = "{pattern}"\ndiameter_m = 0.09\n').camera.strip
+        for pattern in ("two_colours", "one_colour")
+    ]
+    assert [(s.height_m, s.tall_m, s.diameter_m) for s in both] == [
+        (0.2, 0.08, 0.09),
+        (0.22, 0.04, 0.09),
+    ]
+
+
+def test_a_colour_without_a_pattern_is_that_of_the_thesis_strip() -> None:
+    strip = parse_config("[camera.strip]\nhue_deg = 5.0\nheight_m = 0.3\n").camera.strip
+    assert (strip.pattern, strip.hue_deg) == ("one_colour", 5.0)
+    assert (strip.height_m, strip.tall_m) == (0.3, 0.04)
+
+
+def test_a_colour_for_a_strip_of_two_colours_is_a_mistake() -> None:
+    said = complaint('[camera.strip]\npattern = "two_colours"\nhue_deg = 5.0\n')
+    assert "hue_deg" in said
+    assert 'pattern = "one_colour"' in said
+
+
+@pytest.mark.parametrize("pattern", ["two_colours", "one_colour"])
+def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
+    robot = parse_config(f'[camera.strip]\npattern = "{pattern}"\n')
+    assert RobotConfig.model_validate(robot.model_dump(mode="json")) == robot

@@ -1,7 +1,7 @@
 """A reduced picture's colours along one axis, from green to magenta, by azimuth and elevation.
 
-Light that is warm or cold moves a colour along blue–yellow, hardly along this axis, on which
-brick, skin, wood and lamps are near the middle too.
+Light that is warm or cold moves a colour along blue–orange, hardly along this axis, on which wood,
+brick and lamps are near the middle too.
 """
 
 from dataclasses import dataclass
@@ -17,36 +17,52 @@ Single = NDArray[np.float32]
 
 _DARK = 24.0  # of 255: in what is darker, noise passes for colour
 _GREEN = np.array([[-0.5, 1.0, -0.5]], dtype=np.float32)  # of blue, green, red
+_ORANGE = np.array([[-1.0, 0.0, 1.0]], dtype=np.float32)
 _MEAN = np.full((1, 3), 1.0 / 3.0, dtype=np.float32)
+_SHRINK = 0.25  # of a colour's blue or orange: red, which is half magenta, counts less by it
 _WEAK = 0.25  # of the opponent colour: what has less of it may be grey under coloured light
 _MOST_CAST = 0.12  # a room that is all of one colour is no coloured light
 _SPARSE = 8  # of so many pixels a side, one is asked for the light's colour
 
 
 class OpponentColour:
-    """The opponent colour of pictures of one size: (G − (R + B) / 2) / mean. For one thread."""
+    """The opponent colour of pictures of one size. For one thread.
+
+    o = (G − (R + B) / 2) / mean, less the cast of the light on grey, drawn towards 0 by a share of
+    |R − B| / mean.
+    """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         # Written again for each picture: fresh memory costs more than the arithmetic.
         self._bgr = np.empty((*shape, 3), dtype=np.float32)
-        self._green, self._mean = (np.empty(shape, dtype=np.float32) for _ in range(2))
+        self._green, self._orange, self._mean, self._rest = np.empty((4, *shape), dtype=np.float32)
 
     def of(self, picture: Image) -> Single:
-        """Opponent colour (h, w) of a picture (h, w, 3) BGR, less the cast of the light on grey.
+        """Opponent colour (h, w) of a picture (h, w, 3) BGR; valid until the next picture.
 
-        The cast is the median over what has little colour, within bounds. The array is valid until
-        the next picture.
+        The cast is the median over what has little colour, within bounds.
         """
         np.copyto(self._bgr, picture)
         cv2.transform(self._bgr, _GREEN, dst=self._green)
+        cv2.transform(self._bgr, _ORANGE, dst=self._orange)
         cv2.transform(self._bgr, _MEAN, dst=self._mean)
         np.maximum(self._mean, _DARK, out=self._mean)
         cv2.divide(self._green, self._mean, dst=self._green)
+        cv2.divide(self._orange, self._mean, dst=self._orange)
+        self._green -= self._cast()
+        np.abs(self._orange, out=self._orange)
+        self._orange *= _SHRINK
+        np.minimum(self._green, self._orange, out=self._rest)
+        np.negative(self._orange, out=self._orange)
+        np.maximum(self._rest, self._orange, out=self._rest)
+        self._green -= self._rest
+        return self._green
+
+    def _cast(self) -> np.float32:
         some = self._green[::_SPARSE, ::_SPARSE]
         grey = some[np.abs(some) < _WEAK]
         cast = float(np.median(grey)) if len(grey) else 0.0
-        self._green -= np.float32(min(max(cast, -_MOST_CAST), _MOST_CAST))
-        return self._green
+        return np.float32(min(max(cast, -_MOST_CAST), _MOST_CAST))
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ from host.perception.strip_geometry import StripGeometry, full_size
 _EDGE = 0.2  # of the half's colour: less is taken for the background
 _PIXEL_STD = 0.1  # std of a strip's middle in reduced pixels
 _WINDOW_WIDE, _WINDOW_TALL = 0.9, 1.5  # half sizes, in the strip's width and a half's height
+_BESIDE = 0.75  # of the strip's width from its middle: no more of it, but the background
 _ASIDE = 0.35  # most of a strip's width between the middles of its halves
-_LEAST_FILLED = 0.2  # of the area that the filter's size says
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,17 @@ class TwoColourSearch:
         azimuth = wrap(geometry.azimuth[box] - candidate.azimuth)
         elevation = geometry.elevation[box] - candidate.elevation
         solid = geometry.solid_angle[box]
-        upper = elevation < _WINDOW_TALL * template.upper_rad
-        lower = elevation > -_WINDOW_TALL * template.lower_rad
-        inside = upper & lower & (np.abs(azimuth) < _WINDOW_WIDE * template.wide_rad)
+        aside = np.abs(azimuth) / template.wide_rad
+        level = elevation < _WINDOW_TALL * template.upper_rad
+        level &= elevation > -_WINDOW_TALL * template.lower_rad
         o = opponent[box]
-        green = _share(o, inside & (elevation > -0.5 * template.lower_rad))
-        magenta = _share(-o, inside & (elevation < 0.5 * template.upper_rad))
+        green, magenta = (
+            _share(colour, half & (aside < _WINDOW_WIDE), half & (aside > _BESIDE))
+            for colour, half in (
+                (o, level & (elevation > -0.5 * template.lower_rad)),
+                (-o, level & (elevation < 0.5 * template.upper_rad)),
+            )
+        )
         features = np.stack(
             [solid * v for v in (1.0, azimuth, elevation, azimuth**2, *self._pixels[:, *box])]
         ).reshape(6, -1)
@@ -125,33 +130,20 @@ class TwoColourSearch:
         template = candidate.template
         green, magenta = halves
         wide = template.wide_rad + pixel_rad
-        self.debug = dict(
-            az=candidate.azimuth,
-            ag=green.azimuth,
-            am=magenta.azimuth,
-            sg=green.spread,
-            sm=magenta.spread,
-            sep=green.elevation - magenta.elevation,
-            Ag=green.area,
-            Am=magenta.area,
-            w=template.wide_rad,
-            px=pixel_rad,
-            ht=template.upper_rad,
-            hb=template.lower_rad,
-            pg=candidate.green,
-            pm=candidate.magenta,
-            R=template.distance_m,
-        )
         reasons = {
             "halves_apart": abs(green.azimuth - magenta.azimuth) > _ASIDE * wide,
         }
         return next((reason for reason, applies in reasons.items() if applies), "")
 
 
-def _share(colour: Single, inside: BoolArray) -> FloatArray:
-    """How much of each pixel the colour fills, 0 to 1: against what its strongest have."""
+def _share(colour: Single, inside: BoolArray, beside: BoolArray) -> FloatArray:
+    """How much of each pixel `inside` a half fills, 0 to 1.
+
+    0 is what the background `beside` it has of its colour, 1 what the strongest pixels have.
+    """
     strength = np.where(inside, np.maximum(colour, 0.0), 0.0)
     full = float((strength * strength).sum()) / max(float(strength.sum()), 1e-9)
-    share = np.minimum(strength / max(full, 1e-3), 1.0)
+    none = max(float(colour[beside].mean()), 0.0) if beside.any() else 0.0
+    share = np.clip((strength - none) / max(full - none, 1e-3), 0.0, 1.0)
     share[share < _EDGE] = 0.0
     return np.asarray(share, dtype=float)

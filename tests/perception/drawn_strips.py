@@ -9,6 +9,7 @@ from host.config import Camera, Cameras
 from host.messages import FloatArray, Image
 
 STRIP_BGR = (40.0, 35.0, 190.0)
+GREEN_BGR, MAGENTA_BGR = (79.0, 166.0, 55.0), (129.0, 49.0, 188.0)
 _FINE = 4  # drawn so much larger, and averaged
 
 
@@ -89,6 +90,20 @@ def draw_strip(
     strip = cameras.strip
     heights = (strip.height_m - 0.5 * strip.tall_m, strip.height_m + 0.5 * strip.tall_m)
     draw_coat(picture, camera, middle, heights, strip.diameter_m, colour)
+
+
+def draw_pair(
+    picture: Image,
+    cameras: Cameras,
+    camera: Camera,
+    middle: FloatArray,
+    colours: tuple[tuple[float, ...], tuple[float, ...]] = (GREEN_BGR, MAGENTA_BGR),
+) -> None:
+    """A teammate's strip of two colours, upper and lower, around (x, y) m."""
+    strip = cameras.strip
+    for side, colour in zip((1.0, -1.0), colours, strict=True):
+        edge = strip.height_m + side * 0.5 * strip.tall_m
+        draw_coat(picture, camera, middle, (strip.height_m, edge), strip.diameter_m, colour)
 
 
 def encode(picture: Image, quality: int = 80) -> bytes:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Camera, Cameras
+from host.config import Camera, Cameras, Strip
 from host.perception.lens import View
 from host.simulation.pictures.painting import Painter
 from host.simulation.pictures.render import Look, Renderer, Surroundings, frames
@@ -288,3 +288,14 @@ def test_frames_give_pictures_with_teammates_where_they_were_asked_for() -> None
     again = [jpeg for jpeg, _ in frames(5, seed=9, camera=SMALL, teammates=4, ranges_m=(0.5, 2.0))]
     assert again == [jpeg for jpeg, _ in given]
     assert np.mean([truth.shares.max() for _, truth in given]) > 0.9
+
+
+def test_a_strip_of_two_colours_is_painted_green_over_magenta() -> None:
+    cameras = Cameras(strip=Strip(pattern="two_colours"))
+    renderer = Renderer(cameras, SMALL, PLAIN)
+    picture = renderer.picture(scene([[0.65, 0.1]]), 0).astype(int)
+    for height, (blue, green, red) in ((0.22, (79, 166, 55)), (0.18, (129, 49, 188))):
+        facing = np.array([[0.65 - 0.05, 0.1 - 0.01, height]])
+        column, row = np.rint(renderer.view.pixels_of(facing)[0]).astype(int)
+        seen = picture[row, column] / picture[row, column].sum()
+        assert seen == pytest.approx(np.array([blue, green, red]) / (blue + green + red), abs=0.02)

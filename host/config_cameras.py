@@ -1,0 +1,97 @@
+"""The cameras' settings of robot.toml: pictures, lens and mounting, and the strip to look for."""
+
+import math
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class Section(BaseModel):
+    """A table of robot.toml: immutable, unknown keys refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class Camera(Section):
+    """One camera: where its pictures come from, its lens, its mounting in the robot frame.
+
+    Pixel (0, 0) is the middle of the upper left one; x to the right, y down. A ray at the angle t
+    from the axis meets the picture at the radius focal_px * (t + k1 t^3 + k2 t^5) ("equidistant")
+    or focal_px * sin(t) ("orthographic", Perera 2021 eq. 34).
+    """
+
+    source: str = Field("none", min_length=1)
+    width_px: int = Field(1920, ge=64, le=8192)
+    height_px: int = Field(1080, ge=64, le=8192)
+    rate_hz: float = Field(30.0, gt=0.0, le=240.0)
+    lens: Literal["equidistant", "orthographic"] = "equidistant"
+    focal_px: float = Field(611.15, gt=1.0, lt=10_000.0)
+    centre_x_px: float = Field(959.5, gt=-10_000.0, lt=10_000.0)
+    centre_y_px: float = Field(539.5, gt=-10_000.0, lt=10_000.0)
+    k1: float = Field(0.0, gt=-1.0, lt=1.0)
+    k2: float = Field(0.0, gt=-1.0, lt=1.0)
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    z_m: float = Field(0.25, gt=0.0, lt=10.0)  # of the lens above the floor
+    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
+    roll_rad: float = Field(0.0, ge=-math.pi, le=math.pi)  # clockwise, seen from behind
+
+
+_ONE_COLOUR = {"height_m": 0.22, "tall_m": 0.04}  # the thesis' strip, where it differs
+_COLOUR_KEYS = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")
+
+
+class Strip(Section):
+    """The strip that teammates wear: a cylinder's coat.
+
+    pattern: green over magenta, each half of tall_m ("two_colours"), or one colour in the range of
+    HSV that the last four settings give ("one_colour", Perera 2021).
+    """
+
+    pattern: Literal["two_colours", "one_colour"] = "one_colour"
+    height_m: float = Field(0.2, gt=0.0, lt=2.0)  # of its middle above the floor
+    tall_m: float = Field(0.08, gt=0.001, lt=1.0)
+    diameter_m: float = Field(0.1, gt=0.005, lt=1.0)
+    hue_deg: float = Field(0.0, ge=0.0, lt=360.0)
+    hue_width_deg: float = Field(40.0, gt=0.0, le=180.0)
+    saturation_min: float = Field(0.45, ge=0.0, le=1.0)
+    value_min: float = Field(0.12, ge=0.0, le=1.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults_of_the_pattern(cls, data: Any) -> Any:
+        """Fill in the pattern's own size. Files from before there were two have no pattern."""
+        if not isinstance(data, dict):
+            return data
+        if "pattern" not in data and any(key in data for key in _COLOUR_KEYS):
+            data = {"pattern": "one_colour", **data}
+        if data.get("pattern", cls.model_fields["pattern"].default) == "one_colour":
+            data = {**_ONE_COLOUR, **data}
+        return data
+
+    @model_validator(mode="after")
+    def _colours_are_used(self) -> Self:
+        given = [k for k in _COLOUR_KEYS if getattr(self, k) != type(self).model_fields[k].default]
+        if self.pattern == "two_colours" and given:
+            raise ValueError(
+                f"{', '.join(given)} describe a strip of one colour: remove them, or write "
+                'pattern = "one_colour"'
+            )
+        return self
+
+
+class Cameras(Section):
+    """The cameras, as sensors of bearings, and what they look for."""
+
+    delay_s: float = Field(0.15, ge=0.0, le=2.0)
+    bearing_noise_rad: float = Field(0.02, gt=0.0, lt=1.0)
+    max_range_m: float = Field(6.0, gt=0.1, le=12.0)
+    detection_probability: float = Field(0.9, gt=0.0, lt=1.0)
+    half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
+    range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
+    clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs per picture
+    use_ranges: bool = False  # ranges from the size of a strip in the picture
+    front: Camera = Camera()
+    rear: Camera = Camera(heading_rad=math.pi)
+    strip: Strip = Strip()
