@@ -24,7 +24,7 @@ import numpy as np
 from host.calibration.camera.colour import annotate
 from host.config import Cameras
 from host.geometry import wrap
-from host.perception.red_strip import StripFinder
+from host.perception.strips import StripFinder
 from host.simulation.pictures.scenes import SCENES, scene_frames
 from host.simulation.pictures.sightings import Sightings
 
