@@ -49,6 +49,8 @@ def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
 # Where no odometry says how the robot drives: m² (per axis) and rad² a second. As a robot does that
 # wanders at 0.3 m/s.
 _LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1
+# Then neither place nor heading are known at all: m² per axis, rad².
+_MOST_TRANSLATION, _MOST_HEADING = 1e4, 10.0
 _HOLE_S = 0.01  # a shorter gap between displacements is a matter of clocks
 
 
@@ -129,8 +131,8 @@ class Path:
             dx=float(dx),
             dy=float(dy),
             dpsi=float(last[2] - first[2]),
-            translation_variance=abs(float(last[3] - first[3])),
-            heading_variance=abs(float(last[4] - first[4])),
+            translation_variance=min(abs(float(last[3] - first[3])), _MOST_TRANSLATION),
+            heading_variance=min(abs(float(last[4] - first[4])), _MOST_HEADING),
         )
 
     def carry(self, points: FloatArray, times: FloatArray, to_time: float) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 from host.config import RobotConfig
 from host.estimator.interface import Filter
 from host.geometry import Path, rotation, to_frame, to_parent
+from host.message_checks import fault
 from host.messages import (
     Bearings,
     Displacement,
@@ -28,6 +29,7 @@ from host.perception import turrets
 _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
 _TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
 _ALONE_S = 2.0  # without a measurement for so long the filter follows the odometry
+_LEAP_S = 10.0  # a message further ahead of all others is believed once a second one agrees
 
 
 def unnoticed(measurement: Measurement) -> None:
@@ -38,7 +40,8 @@ class Localizer:
     """Feeds one filter with scans, positions, bearings and displacements.
 
     A measurement waits until the odometry reaches its time. One that comes late (pictures do) is
-    carried through the odometry into the filter's present frame.
+    carried through the odometry into the filter's present frame. A message that cannot be what it
+    claims to be is dropped: it changes nothing.
     """
 
     def __init__(
@@ -49,6 +52,8 @@ class Localizer:
     ) -> None:
         """used: called with each measurement, as it came, once its estimate is made."""
         self.dropped = 0  # measurements that came too late
+        self.malformed = 0  # messages that cannot be what they claim to be
+        self.fault: str | None = None  # what was wrong with the last one of these
         self._config = config
         self._filter = estimator
         self._used = used
@@ -57,6 +62,7 @@ class Localizer:
         self._count = 0
         self._time = -math.inf  # of the filter
         self._newest = -math.inf  # time of the newest message
+        self._leapt = -math.inf  # time of a message that was too far ahead
         self.measured = -math.inf  # time of the newest measurement that was used
 
     def handle(self, message: Measurement | Displacement) -> list[Estimate]:
@@ -64,6 +70,10 @@ class Localizer:
 
         After two seconds without any there is one a second, so that a watcher sees them age.
         """
+        wrong = fault(message) or self._leap(message)
+        if wrong is not None:
+            self._drop(wrong)
+            return []
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
             self._path.append(message)
@@ -88,6 +98,21 @@ class Localizer:
         """Use what still waits for odometry: no more messages will come."""
         return self._release(math.inf)
 
+    def _drop(self, wrong: str) -> None:
+        self.malformed += 1
+        self.fault = wrong
+
+    def _leap(self, message: Measurement | Displacement) -> str | None:
+        """What is wrong with the time of a message, where it alone is far ahead of all others.
+
+        Believed, it would make whatever comes after it too late. The first message sets the clock.
+        """
+        ahead = message.time - self._newest
+        if not _LEAP_S < ahead < math.inf or abs(message.time - self._leapt) <= _LEAP_S:
+            return None
+        self._leapt = message.time
+        return f"{type(message).__name__}: its time is {ahead:.1f} s ahead of all before it"
+
     def _until(self) -> float:
         return max(self._path.end, self._newest - _PATIENCE_S)
 
@@ -108,7 +133,7 @@ class Localizer:
             if measurement.time < self._time - _TOO_LATE_S:
                 self.dropped += 1
                 continue
-            estimates.append(self._use(measurement))
+            estimates += self._use(measurement)
         return estimates
 
     def _predict(self, time: float) -> None:
@@ -118,17 +143,26 @@ class Localizer:
             self._filter.predict(Displacement(time, 0.0, 0.0, 0.0, 0.0))
         self._time = time
 
-    def _use(self, measurement: Measurement) -> Estimate:
+    def _use(self, measurement: Measurement) -> list[Estimate]:
+        """The estimate made of a measurement; none where what was found in it is malformed."""
         if measurement.time > self._time:
             self._predict(measurement.time)
         self.measured = max(self.measured, measurement.time)
         readings = measurement
         if isinstance(readings, Scan):
             readings = turrets.find(readings, self._config.lidar, self._path)
-        self._filter.update(self._to_present(readings))
+        readings = self._to_present(readings)
+        try:
+            self._filter.update(readings)
+        except ValueError:
+            wrong = fault(readings)
+            if wrong is None:
+                raise  # it is the filter that cannot go on
+            self._drop(wrong)
+            return []
         estimate = self._filter.estimate()
         self._used(measurement)
-        return estimate
+        return [estimate]
 
     def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
         """The same readings in the robot frame at the filter's time; they keep their lag."""

@@ -16,6 +16,7 @@ from typing import Protocol, Self
 from host.cross_checks.checks import CrossChecks
 from host.errors import UserError
 from host.localizer import Localizer
+from host.message_checks import fault
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 
 CAPACITY = 256  # messages: some 3 s of them
@@ -137,7 +138,8 @@ class Pipeline:
             for name, source in sources.items()
         ]
         self._thread = threading.Thread(target=self._localize, name=LOCALIZER, daemon=True)
-        self._counts = {"messages": 0, "estimates": 0, "dropped": 0, "late": 0, "busy_ms": 0}
+        counts = ("messages", "estimates", "dropped", "late", "malformed", "busy_ms")
+        self._counts = dict.fromkeys(counts, 0)
         self._busy_s = 0.0
         self._reported = dict(self._counts)
         self._last_health = 0.0
@@ -195,10 +197,12 @@ class Pipeline:
 
     def _handle(self, message: Message) -> None:
         self._counts["messages"] += 1
-        self._deliver(message)
-        health = self._checks.take(message) if self._checks is not None else None
-        if health is not None:
-            self._deliver(health)
+        # What is malformed the localizer counts; it is neither recorded nor compared.
+        if fault(message) is None:
+            self._deliver(message)
+            health = self._checks.take(message) if self._checks is not None else None
+            if health is not None:
+                self._deliver(health)
         if not isinstance(message, Scan | Positions | Bearings | Displacement):
             return
         start = time.perf_counter()
@@ -248,16 +252,24 @@ class Pipeline:
         self._last_health = now
         self._counts["dropped"] = self._queue.dropped
         self._counts["late"] = self._localizer.dropped
+        self._counts["malformed"] = self._localizer.malformed
         self._counts["busy_ms"] = round(1000.0 * self._busy_s)
         change = {name: count - self._reported[name] for name, count in self._counts.items()}
         self._reported = dict(self._counts)
-        dropped, updates = change["dropped"], change["estimates"]
+        dropped, malformed, updates = (
+            change[name] for name in ("dropped", "malformed", "estimates")
+        )
         each_ms = change["busy_ms"] / max(1, updates)
         reason = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
         if dropped:
             reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
             reason += "sensors (--sensors lidar)"
+        elif malformed:
+            reason = (
+                f"malformed messages dropped: {malformed}, the last of them {self._localizer.fault}"
+            )
+            reason += "; check what sends it"
         if seconds > _STANDSTILL_S:
             reason = f"stood still for {seconds:.0f} s: this computer was suspended or is too slow"
-        ok = not dropped and seconds <= _STANDSTILL_S
+        ok = not dropped and not malformed and seconds <= _STANDSTILL_S
         self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))

@@ -25,6 +25,7 @@ FLOORS = {
     "estimator": 2,
     "recording": 2,
     "messages": 1,
+    "message_checks": 1,
     "geometry": 1,
     "config": 1,
     "config_cameras": 1,

@@ -8,11 +8,11 @@ from typing import TypeGuard
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host.config import RobotConfig
-from host.estimator.profiles import make
+from host.estimator.profiles import filter_entry, make
 from host.localizer import Localizer
 from host.messages import (
     Bearings,
@@ -26,6 +26,7 @@ from host.messages import (
 )
 from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse_scenario
+from tests.malformed import malformed
 from tests.perception.scene import Array, Drive, Scene, take_turn
 
 CONFIG = RobotConfig()
@@ -303,6 +304,74 @@ def test_the_same_messages_give_the_same_bits(simulated: list[Message], profile:
     assert len(alone) > 40
     assert sum(len(e.positions) for e in alone) > 30
     assert values(alone) == values(again)
+
+
+@pytest.mark.parametrize("profile", ["pmb", "phd", "perera2021"])
+@given(data=st.data())
+@settings(max_examples=15)
+def test_malformed_messages_are_dropped_and_change_nothing(
+    simulated: list[Message], profile: str, data: st.DataObject
+) -> None:
+    """Bit for bit: whatever is wrong with them, wherever they come."""
+    messages = [m for m in simulated if drives_or_measures(m) and m.time < 1.5]
+    undisturbed = Localizer(CONFIG, make(profile, CONFIG))
+    expected = handle_each(undisturbed, messages) + undisturbed.finish()
+    assert sum(len(e.positions) for e in expected) > 5
+    bad = data.draw(st.lists(malformed(0.7), min_size=1, max_size=8))
+    places = data.draw(st.lists(st.integers(0, len(messages)), min_size=8, max_size=8))
+    disturbed = messages.copy()
+    for message, place in zip(bad, places, strict=False):
+        disturbed.insert(place, message)
+    ours = Localizer(CONFIG, make(profile, CONFIG))
+    found = handle_each(ours, disturbed) + ours.finish()
+    assert values(found) == values(expected)
+    assert (ours.malformed, ours.dropped) == (len(bad), 0)
+    assert ours.fault is not None
+    assert undisturbed.malformed == 0
+
+
+def test_one_message_far_ahead_of_its_time_is_dropped_and_a_second_one_is_believed() -> None:
+    ours, notes = localizer()
+    handle_all(ours, [*standing(2.0), empty(2.0), empty(1e6)])
+    assert handle_all(ours, [Displacement(2.1, 0.1, 0.0, 0.0, 0.0), empty(2.1)]) == 1
+    assert ours.malformed == 1
+    assert ours.fault == "Positions: its time is 999998.0 s ahead of all before it"
+    later = [Displacement(t, 0.1, 0.0, 0.0, 0.0) for t in (500.0, 500.1, 500.2)]
+    assert handle_all(ours, [*later, empty(500.2)]) > 0  # the computer slept, or devices were out
+    assert notes.time == 500.2
+    assert ours.malformed == 2
+
+
+def test_what_a_scan_is_found_to_hold_is_checked_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = Localizer(CONFIG, make("phd", CONFIG))
+    spoilt = dataclasses.replace(positions_at(1.0), covariances=np.zeros((3, 2, 2)))
+    monkeypatch.setattr("host.localizer.turrets.find", lambda *_: spoilt)
+    handle_all(ours, standing(2.0))
+    assert ours.handle(take_turn(Scene([]), start=0.8)) == []
+    assert ours.malformed == 1
+
+
+def test_a_filter_that_cannot_go_on_says_so() -> None:
+    ours = Localizer(CONFIG, filter_entry("clairvoyant").make(CONFIG))
+    handle_all(ours, standing(1.0))
+    with pytest.raises(ValueError, match="identity"):
+        ours.handle(positions_at(0.9))
+
+
+@given(st.data())
+@settings(max_examples=60)
+def test_scans_of_any_content_leave_a_localizer_that_works(data: st.DataObject) -> None:
+    n = data.draw(st.integers(0, 40))
+    numbers = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    reach = data.draw(st.sampled_from([0.0, 0.01, 3.0, 1e4]))
+    spread = data.draw(st.sampled_from([0.0, 0.14, 1e3, 1e9]))
+    angles = numbers.choice([numbers.uniform(-10.0, 10.0, n), np.linspace(-3.0, 3.0, n)])
+    ranges = reach * numbers.random(n) * (numbers.random(n) < data.draw(st.floats(0.0, 1.0)))
+    scan = Scan(1.0, 1.0 - spread * numbers.random(n), angles, ranges)
+    ours = Localizer(CONFIG, make("phd", CONFIG))
+    handle_all(ours, [*standing(2.0), scan])
+    assert len(handle_each(ours, [positions_at(1.5)])) == 1
+    assert np.all(np.isfinite(ours.handle(positions_at(1.6))[0].positions))
 
 
 def test_without_measurements_the_filter_goes_with_the_odometry_and_ages() -> None:

@@ -261,6 +261,22 @@ def test_after_a_standstill_the_localizer_tells_once_what_it_did_a_second():
     assert told.counts["estimates"] == 10
 
 
+def test_malformed_messages_are_counted_reported_and_kept_from_the_sinks():
+    inbox = Inbox()
+    bad = Positions(1.05, np.array([[np.nan, 0.0]]), np.eye(2)[None])
+    device = Emits(a_step(1.0), a_reading(1.0), bad, a_step(1.2), a_reading(1.2))
+    with Pipeline(a_localizer(), {"lidar": device}, {"inbox": inbox}):
+        health = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "localizer")
+    assert not health.ok
+    assert health.counts["malformed"] == 1
+    assert health.reason == (
+        "malformed messages dropped: 1, the last of them Positions: positions holds nan, "
+        "not within -1000 to 1000; check what sends it"
+    )
+    assert [m.time for m in inbox.of(Positions)] == [1.0, 1.2]
+    assert len(inbox.of(Estimate)) == 2
+
+
 def test_what_the_cross_checks_report_reaches_the_sinks():
     class Contradicts(CrossChecks):
         def take(self, message):

@@ -7,6 +7,7 @@ import numpy as np
 
 from host.estimator.motion_modes import MotionModes, MovingTeammates
 from host.geometry import wrap
+from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, Positions
 
 # Standing (or rotating on the spot), manoeuvring, cruising: as robots do that drive straight on at
@@ -44,6 +45,7 @@ class Clairvoyant:
 
     def predict(self, motion: Displacement) -> None:
         """Carry every teammate into the robot's new frame; forget those known no more."""
+        check(motion)
         self._time = motion.time
         self._teammates.predict(motion)
         self._ages = self._ages + motion.interval
@@ -55,6 +57,7 @@ class Clairvoyant:
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Take in the readings that have an identity. Raises ValueError where none are given."""
+        check(measurement)
         self._time = measurement.time
         if measurement.identities is None:
             raise ValueError("the clairvoyant filter needs the identity of each reading")

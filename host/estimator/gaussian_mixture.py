@@ -92,7 +92,8 @@ def update_by_positions(
     from_reading = (p[0] * p[2] - p[1] * p[1]) * inverse
     updated[PXX : PYY + 1] = from_prior * p + from_reading * r
     updated[WEIGHT] = prior[WEIGHT]
-    likelihood = np.exp(-0.5 * (dx * ax + dy * ay)) * np.sqrt(inverse) * (0.5 / math.pi)
+    square = np.maximum(dx * ax + dy * ay, 0.0)  # rounding can leave a little less
+    likelihood = np.exp(-0.5 * square) * np.sqrt(inverse) * (0.5 / math.pi)
     return updated, likelihood
 
 

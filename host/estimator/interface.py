@@ -10,6 +10,8 @@ class Filter(Protocol):
 
     The caller brings measurements in time order and calls `predict` in between, so that at
     `update` the filter's time is the measurement's. The filter keeps time by the intervals.
+    `predict` and `update` raise ValueError for what `message_checks.check` refuses, and stay as
+    they were.
     """
 
     def predict(self, motion: Displacement) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from host.geometry import rotation
+from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
 
@@ -46,6 +47,7 @@ class LastReading:
 
     def predict(self, motion: Displacement) -> None:
         """Carry the readings into the robot's new frame; drop those older than keep_s."""
+        check(motion)
         self._time = motion.time
         self._positions, self._covariances = predict_positions(
             self._positions, self._covariances, motion, self._process_noise
@@ -55,6 +57,7 @@ class LastReading:
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Add the readings, and drop older ones within merge_m of any of them."""
+        check(measurement)
         self._time = measurement.time
         if isinstance(measurement, Bearings):
             return

@@ -138,7 +138,8 @@ class MovingTeammates:
         """Where each mode has a teammate `lag` seconds ago: (k, 2) m, and its H (k, 2, 4)."""
         since = lag * self._modes.moving
         jacobian = np.kron(np.stack((np.ones_like(since), -since), axis=1)[:, None], np.eye(2))
-        return (jacobian @ self._means[teammate][..., None])[..., 0], jacobian
+        positions = jacobian @ self._means[teammate][..., None]
+        return np.asarray(positions[..., 0]), np.asarray(jacobian)
 
     def update(
         self, teammate: int, innovation: FloatArray, jacobian: FloatArray, noise: FloatArray
@@ -154,8 +155,9 @@ class MovingTeammates:
         posterior = prior - gain @ spread @ gain.swapaxes(1, 2)
         self._covariances[teammate] = 0.5 * (posterior + posterior.swapaxes(1, 2))
         square = np.sum(innovation * np.linalg.solve(spread, innovation[..., None])[..., 0], axis=1)
-        log_likelihood = -0.5 * (square + np.log(np.linalg.det(spread)))
-        share = self._shares[teammate] * np.exp(log_likelihood - log_likelihood.max())
+        logarithm = -0.5 * (square + np.log(np.linalg.det(spread)))
+        logarithm += np.log(np.maximum(self._shares[teammate], 1e-300))
+        share = np.exp(logarithm - logarithm.max())
         self._shares[teammate] = share / share.sum()
 
     def moments(self) -> tuple[FloatArray, FloatArray]:

@@ -38,6 +38,7 @@ from host.estimator.gaussian_mixture import (
 )
 from host.estimator.sensor_models import in_view
 from host.geometry import SECTORS, wrap
+from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
 _SYSTEM_NOISE_M2 = 0.05**2
@@ -64,10 +65,11 @@ class Perera2021Filter:
 
     def predict(self, motion: Displacement) -> None:
         """Eq. 7–11."""
+        check(motion)
         rows = self._rows
         self._time = motion.time
         distance = np.hypot(rows[X], rows[Y])
-        rows[WEIGHT] /= 1.05 + np.exp(4.0 * (distance - 4.0))  # eq. 9, 10
+        rows[WEIGHT] /= 1.05 + _exp(4.0 * (distance - 4.0))  # eq. 9, 10
         predict_mixture(rows, motion, _SYSTEM_NOISE_M2)
         birth = np.zeros((ROWS, 1))
         birth[[PXX, PYY]], birth[WEIGHT] = _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT
@@ -76,12 +78,13 @@ class Perera2021Filter:
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Eq. 12–23 for the lidar, eq. 24–30 for the cameras."""
+        check(measurement)
         rows = self._rows
         bearing, distance = np.arctan2(rows[Y], rows[X]), np.hypot(rows[X], rows[Y])
         hidden = self._occlusion(bearing, distance)
         if isinstance(measurement, Positions):
             detected = hidden * self._blind(bearing)  # eq. 18
-            detected /= 1.02 + np.exp(8.0 * (distance - 1.5))  # eq. 19
+            detected /= 1.02 + _exp(8.0 * (distance - 1.5))  # eq. 19
             if measurement.clearance is not None:
                 detected *= _interference(bearing, measurement.clearance)
             n, m = rows.shape[1], len(measurement.positions)
@@ -92,7 +95,7 @@ class Perera2021Filter:
             density = _position_density(rows.take(i, axis=1), positions)
         else:
             m = len(measurement.bearings)
-            detected = hidden / (1.1 + np.exp(5.0 * (distance - 4.0)))  # eq. 29, 30
+            detected = hidden / (1.1 + _exp(5.0 * (distance - 4.0)))  # eq. 29, 30
             detected[distance < 1e-3] = 0.0  # repair 5
             detected *= in_view(bearing, measurement.view)
             as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
@@ -142,6 +145,11 @@ class Perera2021Filter:
             ages=self._time - self._seen[index],
             labels=index,
         )
+
+
+def _exp(exponent: FloatArray) -> FloatArray:
+    """The exponential, of what is not too large for it."""
+    return np.exp(np.minimum(exponent, 500.0))
 
 
 def _interference(bearing: FloatArray, clearance: FloatArray) -> FloatArray:

@@ -44,6 +44,7 @@ from host.estimator.kinds import (
 )
 from host.estimator.reduction import groups_by_reading, merge, pass_on_labels
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of
+from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
 _FADE_S = 1.0  # mean survival beyond the survival range
@@ -81,6 +82,7 @@ class PhdFilter:
 
         w' = p_S w,  m' = R(dpsi)^T (m - d),  P' = R^T P R + Q; births wait for readings.
         """
+        check(motion)
         rows = rows_of(self._state)
         self._time = motion.time
         predict_mixture(rows, motion, self._motion_noise(motion.interval))
@@ -107,6 +109,7 @@ class PhdFilter:
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Vo & Ma eq. 16 for lidar positions or camera bearings, in any order."""
+        check(measurement)
         if isinstance(measurement, Positions):
             self._update_by_lidar(measurement)
         elif self._state.shape[1]:

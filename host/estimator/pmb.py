@@ -22,6 +22,7 @@ from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
 from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
 from host.estimator.thing_modes import MODES, TEAMMATE, ThingModes, mixture
+from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
 # What is kept of each Bernoulli beside its Gaussians: when the lidar last placed it and when a
@@ -61,6 +62,7 @@ class PmbFilter:
 
     def predict(self, motion: Displacement) -> None:
         """Williams 2015 thm. 1: each Bernoulli moves on and survives with p_S."""
+        check(motion)
         self._time = motion.time
         if not self._rows.shape[2]:
             return
@@ -75,6 +77,7 @@ class PmbFilter:
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Williams 2015 thm. 2 and TOMB/P for lidar positions or camera bearings, in any order."""
+        check(measurement)
         if isinstance(measurement, Positions):
             self._update_by_lidar(measurement)
         elif self._rows.shape[2]:
