@@ -15,7 +15,7 @@ from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.messages import Image
 from host.perception.blob import Blob
-from host.perception.jpeg_decoder import UnusableError, fastest_decoder, read_header
+from host.perception.jpeg_decoder import UnusableError, decode, size_of
 from host.perception.strip_geometry import StripGeometry
 from host.perception.strips import StripFinder
 from host.sessions.robot import robot_configuration
@@ -126,19 +126,17 @@ def _strip_pixels(
 ) -> Image:
     """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""
     geometry = StripGeometry(cameras, camera)
-    decoder = fastest_decoder()  # as the search has it, whose idea of a whole picture counts
     chosen = []
     for k, (image, jpeg) in enumerate(zip(images, jpegs, strict=True)):
         try:
-            picture = decoder.decode(jpeg, (camera.width_px, camera.height_px), camera.height_px)
+            picture = decode(jpeg, (camera.width_px, camera.height_px), camera.height_px)
         except UnusableError as error:
             why = "it is torn"
             if str(error) == "wrong_size":
-                header = read_header(jpeg)
                 why = (
-                    f"it has {header.width} x {header.height} px, but [camera.{camera_name}] says "
+                    "it has {} x {} px, ".format(*size_of(jpeg))
+                    + f"but [camera.{camera_name}] says {camera.width_px} x {camera.height_px}"
                 )
-                why += f"{camera.width_px} x {camera.height_px}"
             raise UserError(
                 f"{image} cannot be used",
                 why,

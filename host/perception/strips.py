@@ -12,7 +12,7 @@ import numpy as np
 from host.config import Camera, Cameras
 from host.messages import Bearings, Image
 from host.perception.blob import Blob
-from host.perception.jpeg_decoder import JpegDecoder, UnusableError, fastest_decoder
+from host.perception.jpeg_decoder import UnusableError, decode
 from host.perception.red_strip import OneColourSearch
 from host.perception.strip_geometry import StripGeometry
 from host.perception.two_colour_strip import TwoColourSearch
@@ -38,15 +38,11 @@ class StripFinder:
     """Finds teammates' strips in one camera's pictures. For one thread.
 
     counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
-    found. decoder: the fastest that is installed, unless another is given. name: of the camera, as
-    its Bearings name it.
+    found. name: of the camera, as its Bearings name it.
     """
 
-    def __init__(
-        self, cameras: Cameras, camera: Camera, decoder: JpegDecoder | None = None, name: str = ""
-    ) -> None:
+    def __init__(self, cameras: Cameras, camera: Camera, name: str = "") -> None:
         self._cameras, self._camera, self._name = cameras, camera, name
-        self.decoder = decoder or fastest_decoder()
         self._size = (camera.width_px, camera.height_px)
         self.geometry = StripGeometry(cameras, camera)
         self.counts = Counter({"pictures": 0, "strips": 0})
@@ -82,7 +78,7 @@ class StripFinder:
         """As `blobs`; raises UnusableError, once counted, where the picture is not whole."""
         self.counts["pictures"] += 1
         try:
-            picture = self.decoder.decode(jpeg, self._size, self.geometry.rows)
+            picture = decode(jpeg, self._size, self.geometry.rows)
         except UnusableError as error:
             self.counts[f"pictures_{error}"] += 1
             raise

@@ -6,8 +6,8 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 
-import cv2
 import numpy as np
+import simplejpeg
 
 from host.config import Ceiling
 from host.drivers.camera.driver import CameraDriver, Picture
@@ -44,11 +44,12 @@ class CeilingCamera:
                 emit(self._judged(message, self._finder.counts - before))
                 before = self._finder.counts.copy()
                 return
-            grey = cv2.imdecode(np.frombuffer(message.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
-            if grey is None:
+            try:
+                grey = simplejpeg.decode_jpeg(message.jpeg, "GRAY")[:, :, 0]
+            except ValueError:  # damaged
                 self._undecoded += 1
                 return
-            emit(self._finder.find(np.asarray(grey, dtype=np.uint8), message.time))
+            emit(self._finder.find(np.ascontiguousarray(grey, dtype=np.uint8), message.time))
 
         self._driver.run(take, stop)
 

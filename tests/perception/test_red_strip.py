@@ -1,6 +1,5 @@
 """Strips in pictures: bearings against the truth, what is dropped and why, and torn pictures."""
 
-import itertools
 import math
 import random
 
@@ -12,7 +11,6 @@ from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
 from host.messages import Image
 from host.perception.blob import Blob
-from host.perception.jpeg_decoder import OpenCvDecoder, TurboDecoder
 from host.perception.strips import StripFinder
 from host.simulation.pictures.render import Look, frames
 from tests.perception.drawn_strips import (
@@ -263,31 +261,6 @@ def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
     search = StripFinder(Cameras(strip=everything), small_camera())
     picture = np.full((small_camera().height_px, small_camera().width_px, 3), grey, np.uint8)
     assert drop_reasons(search, picture) == ["colourless"]
-
-
-def mirrored_and_coded_anew(jpeg: bytes) -> list[bytes]:
-    """Four pictures of one, for rendering takes most of the time."""
-    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    other = np.ascontiguousarray(picture[:, ::-1])
-    return [jpeg, encode(picture, 92), encode(other, 60), encode(other, 85)]
-
-
-@pytest.mark.slow
-def test_both_decoders_find_the_same_blobs_in_500_pictures() -> None:
-    try:
-        fast = StripFinder(CAMERAS, FRONT, TurboDecoder())
-    except OSError:
-        pytest.skip("libturbojpeg is not installed")
-    plain = StripFinder(CAMERAS, FRONT, OpenCvDecoder())
-    rendered = (jpeg for jpeg, _ in frames(125, 11))
-    for jpeg in itertools.chain.from_iterable(map(mirrored_and_coded_anew, rendered)):
-        pairs = list(zip(fast.blobs(jpeg), plain.blobs(jpeg), strict=True))
-        for ours, other in pairs:
-            assert (ours.kept, ours.reason) == (other.kept, other.reason)
-            assert math.hypot(ours.x - other.x, ours.y - other.y) < 1.5
-    assert fast.counts == plain.counts
-    assert fast.counts["pictures"] == 500
-    assert fast.counts["strips"] > 500
 
 
 @pytest.mark.parametrize("brightness", [0.5, 1.0, 2.0])

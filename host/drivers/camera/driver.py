@@ -20,7 +20,7 @@ from host.errors import UserError
 from host.messages import Health
 
 _HEALTH_PERIOD_S = 1.0
-_TORN_SHARE = 0.1
+TORN_SHARE = 0.1  # of the pictures; more of them damaged is a fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +115,8 @@ class CameraDriver:
             )
         if not pictures:
             return False, str(source.why_silent())
-        if torn > _TORN_SHARE * (torn + pictures):
-            return False, (
-                f"{100 * torn / (torn + pictures):.0f} % of the pictures arrive torn\n"
-                "use a short cable, or a hub with a supply of its own"
-            )
+        if torn > TORN_SHARE * (torn + pictures):
+            return False, str(many_torn(torn / (torn + pictures)))
         rate = pictures / seconds
         words = [f"{rate:.{0 if rate >= 3.0 else 1}f} pictures/s", *source.remarks()]
         return True, "; ".join(words)
@@ -134,6 +131,15 @@ class CameraDriver:
     def _all_counts(self, source: FrameSource | None) -> dict[str, int]:
         counts = self._counts + Counter(_dropped(source) if source else {})
         return {**self._counts, **counts}
+
+
+def many_torn(share: float) -> UserError:
+    """So large a share of a camera's pictures is damaged."""
+    return UserError(
+        f"{100 * share:.0f} % of the pictures arrive torn",
+        "",
+        "use a short cable, or a hub with a supply of its own",
+    )
 
 
 def _dropped(source: FrameSource) -> dict[str, int]:

@@ -11,7 +11,7 @@ import pytest
 from host.calibration.camera import colour as strip_colour
 from host.config import Cameras, Strip
 from host.errors import UserError
-from host.perception.jpeg_decoder import OpenCvDecoder
+from host.perception.jpeg_decoder import decode
 from host.perception.strip_geometry import StripGeometry
 from host.perception.strips import StripFinder
 from tests.perception.drawn_strips import background, draw_coat, draw_strip, encode, place
@@ -34,7 +34,7 @@ def scene(colour: tuple[float, ...], seed: int = 0) -> bytes:
 
 
 def reduced(jpeg: bytes) -> strip_colour.Image:
-    return OpenCvDecoder().decode(jpeg, SIZE, FRONT.height_px)
+    return decode(jpeg, SIZE, FRONT.height_px)
 
 
 @pytest.mark.parametrize(

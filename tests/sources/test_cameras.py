@@ -1,0 +1,56 @@
+"""A camera as a source of bearings: pictures of a file are searched, damaged ones reported."""
+
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from host.config import Camera, Cameras
+from host.drivers.camera import driver
+from host.messages import Bearings, Health, Message
+from host.sources.cameras import StripCamera
+
+WIDTH, HEIGHT = 384, 208
+
+
+def jpeg(seed: int) -> bytes:
+    cells = np.random.default_rng(seed).integers(0, 255, (13, 24, 3), np.uint8)
+    return bytes(cv2.imencode(".jpg", cv2.resize(cells, (WIDTH, HEIGHT)))[1])
+
+
+def messages(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Message]:
+    """What the camera emits until its file is played."""
+    monkeypatch.setattr(driver, "_HEALTH_PERIOD_S", 0.25)
+    front = Camera(
+        source=str(path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0, focal_px=122.0
+    )
+    emitted: list[Message] = []
+    stop = threading.Event()
+
+    def emit(message: Message) -> None:
+        emitted.append(message)
+        if isinstance(message, Health) and "played to its end" in message.reason:
+            stop.set()
+
+    StripCamera("front", Cameras(front=front), front).run(emit, stop)
+    return emitted
+
+
+@pytest.mark.parametrize("every", [2, 40])
+def test_pictures_with_gaps_are_refused_counted_and_reported_where_they_are_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
+) -> None:
+    pictures = [jpeg(k) for k in range(60)]
+    for k in range(0, 60, every):
+        pictures[k] = pictures[k][:3000] + pictures[k][3300:]
+    path = tmp_path / "pictures.mjpeg"
+    path.write_bytes(b"".join(pictures))
+    emitted = messages(path, monkeypatch)
+    torn = len(range(0, 60, every))
+    assert sum(isinstance(message, Bearings) for message in emitted) == 60 - torn
+    health = [message for message in emitted if isinstance(message, Health)]
+    assert health[-1].counts["pictures_torn"] == torn
+    many = [h for h in health if not h.ok and "of the pictures arrive torn" in h.reason]
+    assert bool(many) == (every == 2)
