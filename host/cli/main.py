@@ -11,6 +11,7 @@ from host.cli.init import init
 from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.simulate import simulate
+from host.cli.sweep import sweep_command
 from host.errors import UserError
 from host.registry import load_plugin
 
@@ -68,5 +69,5 @@ def main(plugins: tuple[str, ...], debug: bool) -> None:
         load_plugin(plugin)
 
 
-for command in (init, run, simulate, replay, evaluate, flash_command, calibrate):
+for command in (init, run, simulate, replay, evaluate, sweep_command, flash_command, calibrate):
     main.add_command(command)

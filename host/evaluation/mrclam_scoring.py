@@ -56,10 +56,10 @@ MRCLAM_ROBOT = RobotConfig(
 )
 
 
-def mrclam_maker(name: str) -> NewFilter:
+def mrclam_maker(name: str, robot: RobotConfig = MRCLAM_ROBOT) -> NewFilter:
     """How a filter is made for the datasets. Raises UserError for one that is not registered."""
     entry = filter_entry(name)
-    return entry.make_mrclam or (lambda: entry.make(MRCLAM_ROBOT))
+    return entry.make_mrclam or (lambda: entry.make(robot))
 
 
 def scored_instants(dataset: Dataset) -> list[float]:

@@ -40,9 +40,14 @@ class Scored(NamedTuple):
 Keep = Callable[[Scored], None]
 
 
+def is_dataset(source: str) -> bool:
+    """Whether a source is an MR.CLAM dataset."""
+    return source.startswith(_DATASET)
+
+
 def check_source(source: str) -> None:
     """Raise UserError for a source that is not there or is known to be too short."""
-    if source.startswith(_DATASET):
+    if is_dataset(source):
         _dataset(source)
         return
     found = runs.find_source(faults.split(source)[0])
@@ -52,7 +57,7 @@ def check_source(source: str) -> None:
 
 def step_count(sources: Sequence[str], filters: Sequence[str], sensors: Sequence[str]) -> int:
     """How often `score_sources` reports a step. A dataset has its own sensors."""
-    each = [1 if source.startswith(_DATASET) else len(sensors) for source in sources]
+    each = [1 if is_dataset(source) else len(sensors) for source in sources]
     return len(filters) * sum(each)
 
 
@@ -84,11 +89,11 @@ def score_sources(
     rows: list[Row] = []
     scored: list[tuple[Scenario, Faults, Scores]] = []
     for source in sources:
-        if source.startswith(_DATASET):
+        if is_dataset(source):
             rows += _dataset_rows(source, filters, step, keep)
             continue
         run = runs.load_run(source, robot)
-        scores = _scores(run, filters, sensors, step)
+        scores = scores_of(run, filters, sensors, step)
         rows += _rows(source, run.observer, scores)
         motion = [message for message in run.messages if isinstance(message, Displacement)]
         keep(Scored(source, run.observer, run.config, motion, scores))
@@ -105,7 +110,10 @@ def _too_short(source: str) -> UserError:
     )
 
 
-def _scores(run: runs.Run, names: Sequence[str], sensors: Sequence[str], step: Step) -> Scores:
+def scores_of(
+    run: runs.Run, names: Sequence[str], sensors: Sequence[str], step: Step = _no_step
+) -> Scores:
+    """Each filter with each choice of sensors that the run has. Raises UserError for none."""
     missing = set(sensors) - set(run.sensors)
     if missing == set(sensors):
         raise UserError(
@@ -139,6 +147,14 @@ def _pooled(scored: Sequence[tuple[Scenario, Faults, Scores]]) -> Iterator[Row]:
             whole = {key: Accumulator.pooled(scores[key] for scores in group) for key in group[0]}
             name = f"{scenario.name}{'' if wrong == faults.NONE else ' faulty'} x{len(group)}"
             yield from _rows(name, str(OBSERVER), whole)
+
+
+def dataset_row(source: str, name: str, robot: RobotConfig) -> Row:
+    """The row of a filter on a dataset, its observers pooled; `robot`: how the filter is set."""
+    folder, landmarks = _dataset(source)
+    maker = mrclam_scoring.mrclam_maker(name, robot)
+    scores = mrclam_scoring.mrclam_scores(mrclam.load_dataset(folder), maker, landmarks)
+    return mrclam_scoring.mrclam_rows(scores, name, source)[-1]
 
 
 def _dataset_rows(source: str, names: Sequence[str], step: Step, keep: Keep) -> list[Row]:

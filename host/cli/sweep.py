@@ -1,0 +1,191 @@
+"""`swarmloc sweep`: seeds x settings x filters on many cores, resumable."""
+
+import itertools
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from host.cli import options
+from host.errors import UserError
+from host.experiments import trials
+from host.experiments.intervals import Mean, Summary, summaries
+from host.experiments.records import Records
+from host.experiments.sweeping import check_installed, sweep
+from host.experiments.trials import Trial
+from host.registry import FILTERS
+from host.sessions.evaluating import check_source
+from host.sessions.robot import robot_configuration
+from host.sources.sensors import SENSORS
+
+_HELP = """Score filters on every SOURCE with every seed and every combination of settings.
+
+Each trial is kept in the output file as soon as it is done; the same command goes on where it was
+interrupted. It uses all cores of this computer, or a dask scheduler that runs already, whose
+workers need this version of swarmloc and see the same files. The table has the mean over the seeds
+and its 95 % confidence interval (Student's t).
+"""
+# Key, heading with the unit, decimals, scale.
+_FIGURES = (
+    ("gospa_m", "GOSPA m", 4, 1.0),
+    ("missed", "missed", 3, 1.0),
+    ("false", "false", 3, 1.0),
+    ("time_over_30cm", ">30cm %", 2, 100.0),
+    ("rmse_m", "RMSE m", 4, 1.0),
+    ("anees", "ANEES", 2, 1.0),
+)
+
+
+def _numbers(context: click.Context, option: click.Parameter, text: str) -> list[int]:
+    """`1-3,7` as 1, 2, 3, 7."""
+    found: list[int] = []
+    for part in text.split(",") if text else ():
+        first, _, last = part.strip().partition("-")
+        if not first.isdigit() or not (last or first).isdigit():
+            raise click.BadParameter(f"{part!r} is no seed and no range of seeds, as 21-30 is.")
+        found += range(int(first), int(last or first) + 1)
+    return list(dict.fromkeys(found))
+
+
+@click.command(
+    "sweep",
+    help=_HELP,
+    short_help="Seeds x settings x filters on many cores.",
+    epilog="""\b
+Examples:
+  swarmloc sweep arena4:seconds=60 --seeds 21-30 --output sweep.jsonl
+  swarmloc sweep arena4 swarm20 --seeds 21-30 --filters phd,clairvoyant \\
+      --set filter.motion_noise_m=0.06,0.09,0.12 --set filter.report_weight=0.5,0.6
+  swarmloc sweep arena4 --seeds 1-100 --scheduler tcp://192.168.0.7:8786""",
+)
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.option("--seeds", default="", callback=_numbers, help="Of each scenario, as 21-30 or 1,5,9.")
+@click.option(
+    "--filters",
+    default="phd",
+    show_default=True,
+    help=f"Which filters, of {', '.join(FILTERS.names())}.",
+)
+@click.option(
+    "--sensors",
+    default=",".join(reversed(SENSORS)),
+    show_default=True,
+    help="Which sensors; a dataset has its own.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=V1,V2",
+    help="A setting of robot.toml and its values; with several, every combination.",
+)
+@options.robot_or_recordings_option
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default="sweep.jsonl",
+    show_default=True,
+    metavar="FILE",
+    help="Where each trial is kept, one JSON object a line.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Of a dask scheduler that runs already.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes on this computer.  [default: one a core]",
+)
+@options.json_option
+@click.pass_context
+def sweep_command(
+    context: click.Context,
+    sources: Sequence[str],
+    seeds: Sequence[int],
+    filters: str,
+    sensors: str,
+    settings: Sequence[str],
+    robot_path: Path | None,
+    output: Path,
+    scheduler: str | None,
+    workers: int | None,
+    json_path: Path | None,
+) -> None:
+    """Run the trials that are missing, then the table; `_HELP` is what the user reads."""
+    check_installed()
+    every = trials.grid(
+        trials.seeded(sources, seeds),
+        options.several(filters, FILTERS.names(), "--filters"),
+        options.several(sensors, SENSORS, "--sensors"),
+        [trials.parse_setting(text) for text in settings],
+        None if robot_path is None else robot_configuration(robot_path),
+    )
+    for trial in every:  # what is mistyped fails before anything is computed
+        check_source(trial.source)
+        trial.config()
+    records = Records(output)
+    plugins = context.find_root().params.get("plugins", ())
+    _run(every, records, output, scheduler, workers, plugins)
+    found = summaries(records.of(every))
+    click.echo(table(found))
+    options.write_json(json_path, [summary.as_json() for summary in found])
+
+
+def _run(
+    every: Sequence[Trial],
+    records: Records,
+    output: Path,
+    scheduler: str | None,
+    workers: int | None,
+    plugins: Sequence[str],
+) -> None:
+    done = len(records.of(every))
+    if done:
+        click.echo(f"{done} of {len(every)} trials are in {output} already", err=True)
+    try:
+        with click.progressbar(
+            length=len(every) - done,
+            label="sweeping",
+            item_show_func=lambda trial: trial or "",
+            file=sys.stderr,
+        ) as bar:
+            sweep(every, records, lambda name: bar.update(1, name), scheduler, workers, plugins)
+    except KeyboardInterrupt as interrupt:
+        raise UserError(
+            "the sweep was interrupted",
+            f"{len(records.of(every))} of {len(every)} trials are in {output}",
+            "the same command goes on from there",
+        ) from interrupt
+
+
+def table(found: Sequence[Summary]) -> str:
+    """The summaries, one block a source: mean ± half of the 95 % confidence interval."""
+    width = max((len(_settings(summary)) for summary in found), default=0)
+    lines: list[str] = []
+    for source, block in itertools.groupby(found, key=lambda summary: summary.source):
+        heading = f"  {'filter':12} {'sensors':12} {'settings' if width else '':{width}}"
+        for _, name, decimals, _ in _FIGURES:
+            heading += f" {name:>{_width(decimals)}}"
+        lines += [source, f"{heading}  n"]
+        for summary in block:
+            line = f"  {summary.filter:12} {summary.sensors:12} {_settings(summary):{width}}"
+            for key, _, decimals, scale in _FIGURES:
+                line += f" {_cell(summary.means[key], scale, decimals):>{_width(decimals)}}"
+            lines.append(f"{line} {summary.seeds:2d}")
+        lines.append("")
+    return "\n".join([*lines, "mean ± half of its 95 % confidence interval over n seeds"])
+
+
+def _settings(summary: Summary) -> str:
+    return " ".join(f"{key}={value}" for key, value in summary.settings.items())
+
+
+def _width(decimals: int) -> int:
+    return 2 * decimals + 8
+
+
+def _cell(mean: Mean, scale: float, decimals: int) -> str:
+    if not math.isfinite(mean.value):
+        return "-"
+    half = f"{scale * mean.half_width:.{decimals}f}" if math.isfinite(mean.half_width) else "-"
+    return f"{scale * mean.value:.{decimals}f} ± {half}"

@@ -1,0 +1,169 @@
+"""A trial: one filter with some sensors and settings on one source; and what it scored."""
+
+import functools
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from host.config import FilterSettings, RobotConfig, parse_config
+from host.errors import UserError
+from host.evaluation import faults
+from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT
+from host.recording.log import Recording
+from host.registry import SCENARIOS, load_plugin
+from host.sessions import evaluating, runs
+
+Settings = tuple[tuple[str, Any], ...]  # of robot.toml: (("filter.report_weight", 0.5), ...)
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What is to be scored. robot: the configuration to which `settings` are applied.
+
+    robot None: the recording's own, else the default; for a dataset the one of its scoring.
+    """
+
+    source: str
+    filter: str
+    sensors: str
+    settings: Settings = ()
+    robot: RobotConfig | None = None
+
+    def base(self) -> RobotConfig:
+        """The configuration without the settings."""
+        if evaluating.is_dataset(self.source):
+            return MRCLAM_ROBOT
+        if self.robot is not None:
+            return self.robot
+        found = runs.find_source(faults.split(self.source)[0])
+        return found.header.config if isinstance(found, Recording) else RobotConfig()
+
+    def config(self) -> RobotConfig:
+        """The configuration in effect. Raises UserError for a setting that cannot be."""
+        return with_settings(self.base(), self.settings)
+
+    def key(self) -> str:
+        """What tells its record from others': also a setting whose default has changed since."""
+        dump = json.dumps(self.config().model_dump(mode="json"), sort_keys=True)
+        digest = hashlib.sha256(dump.encode()).hexdigest()[:12]
+        return json.dumps([self.source, self.filter, self.sensors, dict(self.settings), digest])
+
+
+def grid(
+    sources: Iterable[str],
+    filters: Sequence[str],
+    sensors: Sequence[str],
+    settings: Sequence[tuple[str, Sequence[Any]]] = (),
+    robot: RobotConfig | None = None,
+) -> list[Trial]:
+    """Every combination, source by source. A dataset has sensors of its own."""
+    names = [name for name, _ in settings]
+    combinations = [
+        tuple(zip(names, values, strict=True))
+        for values in product(*(values for _, values in settings))
+    ]
+    return [
+        Trial(source, name, chosen, combination, robot)
+        for source in sources
+        for combination in combinations
+        for name in filters
+        for chosen in ([CAMERA] if evaluating.is_dataset(source) else sensors)
+    ]
+
+
+def score(trial: Trial, plugins: Sequence[str] = ()) -> Record:
+    """Run a trial; its record is the row of `evaluate` with the settings and the key.
+
+    plugins: loaded first, for another process. Raises UserError where the source is not there, too
+    short, or without the sensors.
+    """
+    for plugin in plugins:
+        load_plugin(plugin)
+    if evaluating.is_dataset(trial.source):
+        row = evaluating.dataset_row(trial.source, trial.filter, trial.config())
+    else:
+        run = _run(trial)
+        scores = evaluating.scores_of(run, [trial.filter], [trial.sensors])
+        row = scores[trial.filter, trial.sensors].row(
+            trial.source, run.observer, trial.filter, trial.sensors
+        )
+    return {"key": trial.key(), "settings": dict(trial.settings), **row.as_json()}
+
+
+def _run(trial: Trial) -> runs.Run:
+    """The run for a trial; those that differ only in the filter's settings share a simulation."""
+    config = trial.config()
+    run = _load(trial.source, config.model_copy(update={"filter": FilterSettings()}))
+    return replace(run, config=run.config.model_copy(update={"filter": config.filter}))
+
+
+@functools.lru_cache(maxsize=2)
+def _load(source: str, config: RobotConfig) -> runs.Run:
+    return runs.load_run(source, config)
+
+
+def with_settings(config: RobotConfig, settings: Settings) -> RobotConfig:
+    """The configuration with some settings changed, checked as robot.toml is. Raises UserError."""
+    if not settings:
+        return config
+    content = config.model_dump(mode="json")
+    for key, value in settings:
+        *sections, last = key.split(".")
+        table = content
+        for section in sections:
+            table = table.setdefault(section, {})
+        table[last] = value
+    return parse_config(tomlkit.dumps(content), ", ".join(f"{k}={v}" for k, v in settings))
+
+
+def parse_setting(text: str) -> tuple[str, list[Any]]:
+    """`filter.report_weight=0.4,0.5` as key and values, each as robot.toml would have it.
+
+    Raises UserError for anything else.
+    """
+    key, _, given = text.partition("=")
+    try:
+        values = list(tomllib.loads(f"values = [{given}]")["values"])
+        why = "" if values else "it has no value"
+    except tomllib.TOMLDecodeError as error:
+        values, why = [], str(error)
+    if not values:
+        raise UserError(
+            f"cannot read the setting {text!r}",
+            why,
+            "write a key of robot.toml and its values, as in filter.report_weight=0.4,0.5",
+        )
+    return key.strip(), values
+
+
+def seeded(sources: Iterable[str], seeds: Sequence[int]) -> list[str]:
+    """Each scenario once with every seed; recordings and datasets as they are."""
+    found = []
+    for source in sources:
+        if not seeds or not _is_scenario(source):
+            found.append(source)
+            continue
+        joint = "," if ":" in source else ":"
+        found += [f"{source}{joint}seed={seed}" for seed in seeds]
+    return found
+
+
+def without_seed(source: str) -> str:
+    """The source as it is for all seeds."""
+    name, _, given = source.partition(":")
+    if not _is_scenario(source):
+        return source
+    rest = [part for part in given.split(",") if part.partition("=")[0].strip() != "seed"]
+    return f"{name}:{','.join(rest)}" if any(rest) else name
+
+
+def _is_scenario(source: str) -> bool:
+    return source.partition(":")[0] in SCENARIOS.names() and not Path(source).is_file()
