@@ -5,7 +5,7 @@ in seconds. Lengths in metres, angles in radians, counter-clockwise positive, x 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,8 @@ class Estimate:
 
     positions (n, 2) m, covariances (n, 2, 2) m², weights (n,) expected teammates there,
     ages (n,) s since the last reading, labels (n,): numbers that stay with an estimate while it
-    lives; they are rows on a screen, not identities.
+    lives; they are rows on a screen, not identities. obstacles (k, 2) m with obstacle_covariances
+    (k, 2, 2) m²: what the lidar took for a teammate and is none, seen now or minutes ago.
     """
 
     time: float
@@ -111,6 +112,8 @@ class Estimate:
     weights: FloatArray
     ages: FloatArray
     labels: IntArray
+    obstacles: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    obstacle_covariances: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,6 +160,8 @@ def _tally(state: State) -> str:
     estimate, truth = state.now.estimate, state.now.truth
     count = len(estimate.positions)
     words = f"{count} teammate{'' if count == 1 else 's'}"
+    if len(estimate.obstacles):
+        words += f", {len(estimate.obstacles)} obstacles"
     if truth is None:
         return words
     near, truly = (_in_range(each.positions) for each in (estimate, truth))
