@@ -21,7 +21,8 @@ from host.estimator.gaussian_mixture import WEIGHT as TOTAL
 from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
 from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
-from host.estimator.thing_modes import MODES, TEAMMATE, ThingModes, mixture
+from host.estimator.static_world import StaticWorld
+from host.estimator.thing_modes import MODES, TEAMMATE, ThingModes, mixture, obstacles
 from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
@@ -29,6 +30,7 @@ from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArra
 # picture last had it in view (s), its label (0 until it is reported).
 SEEN, PICTURED, LABEL = range(3)
 _FADE_S = 1.0  # mean survival beyond the survival range
+_SURE = 0.8  # from this probability on an obstacle is remembered
 _BELIEVED = 0.5  # from this existence on a thing can hide another
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 # Correlation times: misses follow each other, and pictures show the same scene.
@@ -49,6 +51,7 @@ class PmbFilter:
     ) -> None:
         self._settings = settings or FilterSettings()
         self._modes = ThingModes(self._settings.pmb)
+        self._world = StaticWorld(self._settings.gate)
         lidar, camera = lidar or Lidar(), camera or Cameras()
         self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
         self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
@@ -64,6 +67,7 @@ class PmbFilter:
         """Williams 2015 thm. 1: each Bernoulli moves on and survives with p_S."""
         check(motion)
         self._time = motion.time
+        self._world.predict(motion)
         if not self._rows.shape[2]:
             return
         self._rows = self._modes.predict(self._rows, motion)
@@ -98,7 +102,9 @@ class PmbFilter:
         missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
         absent = 1.0 - whole[TOTAL] + whole[TOTAL] * missing
         birth = settings.pmb.appear_per_m2_s * elapsed
-        background = self._lidar.clutter / likeness(measured) + birth
+        remembered = self._lidar_detection(self._world.rows, measured.clearance)
+        known = self._world.intensity(measured, noise, remembered)
+        background = self._lidar.clutter / likeness(measured) + birth + known
         mass = pairs.mass()
         ratios = mass / (absent.take(pairs.target) * background.take(pairs.reading))
         found = associate(pairs.target, pairs.reading, ratios, n, m)
@@ -106,15 +112,23 @@ class PmbFilter:
         pairs.updated[WEIGHT] *= found.pairs / np.maximum(mass, 1e-300)
         self._rows = _merged(rows, pairs, whole)
         self._tracks[SEEN, found.missed < 0.5] = measured.time
-        self._bear(measured, noise, found.unclaimed * birth / background)
+        new = found.unclaimed / background
+        self._bear(measured, noise, new * birth, new * known)
+        sure = obstacles(self._rows)
+        sure = sure[:, sure[TOTAL] > _SURE]
+        self._world.learn(sure, remembered, float(new_share(elapsed, _SCANS_S)))
 
     def _lidar_detection(self, whole: FloatArray, measured: FloatArray | None) -> FloatArray:
         """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
         bearing, distance, clearance = self._surroundings(whole, measured)
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
-    def _bear(self, measured: Positions, noise: FloatArray, existence: FloatArray) -> None:
+    def _bear(
+        self, measured: Positions, noise: FloatArray, existence: FloatArray, known: FloatArray
+    ) -> None:
         """A Bernoulli for each reading (m,), with the probability that it is a new thing.
+
+        known (m,): the probability that it is an obstacle which is remembered.
 
         What does not look like a turret is rather an obstacle. That it does is no evidence for a
         teammate: what looks like one in this revolution, a post, does so in the next.
@@ -123,7 +137,7 @@ class PmbFilter:
         teammate = (1.0 - obstacle) * likeness(measured)
         lags = 0.0 if measured.lags is None else measured.lags
         born = self._modes.born(
-            measured.positions, noise, lags, existence * teammate, existence * obstacle
+            measured.positions, noise, lags, existence * teammate, existence * obstacle + known
         )
         tracks = np.zeros((3, len(existence)))
         tracks[SEEN], tracks[PICTURED] = measured.time, -math.inf
@@ -215,6 +229,7 @@ class PmbFilter:
         teammates = self._teammates()
         index = self._reported(teammates).nonzero()[0]
         teammates, tracks = teammates.take(index, 1), self._tracks.take(index, 1)
+        places, spreads = self._world.believed()
         return Estimate(
             time=self._time,
             positions=teammates[: Y + 1].T,
@@ -222,6 +237,8 @@ class PmbFilter:
             weights=teammates[TOTAL],
             ages=self._time - tracks[SEEN],
             labels=tracks[LABEL].astype(np.int64),
+            obstacles=places,
+            obstacle_covariances=spreads,
         )
 
 

@@ -13,6 +13,7 @@ from host.estimator import thing_modes
 from host.estimator.motion_modes import MotionModes, MovingTeammates
 from host.estimator.moving_gaussians import COVARIANCE, ENTRY, WEIGHT
 from host.estimator.pmb import PmbFilter
+from host.geometry import to_frame, to_parent
 from host.messages import Displacement, Positions
 from tests.estimator.standing_robot import PLAIN_VIEW, heard, seen, standing
 from tests.estimator.test_phd_scenes import as_bytes, by_place, drive, near_estimates, walkers
@@ -148,6 +149,7 @@ def test_the_same_picture_again_says_nothing_new(repeated):
                 wait = 0.1 / times if repeated == "in a row" else at_once
                 run.image([math.atan2(0.3, 1.0)], interval=wait)
         weights = run.filter._rows[WEIGHT]
+        weights = weights[:, weights.sum(axis=0) > 0.5]
         shares.append(weights[thing_modes.OBSTACLE] / weights.sum(axis=0))
     odds = np.log(np.array(shares) / (1.0 - np.array(shares)))
     assert odds[0] == pytest.approx(odds[1], abs=1.5 if repeated == "in a row" else 0.4)
@@ -254,3 +256,31 @@ def test_whatever_comes_probabilities_and_covariances_are_sound(seed, ranges):
         assert np.all(estimate.ages >= 0.0)
         assert len(set(estimate.labels.tolist())) == len(estimate.labels)
         assert np.all(estimate.labels > 0)
+
+
+def test_an_obstacle_is_reported_as_such_and_known_again_after_a_tour():
+    """A post that is out of the lidar's reach for most of a drive along a circle."""
+    run = Run()
+    post = np.array([[0.6, 0.8]])
+    for _ in range(30):
+        estimate = run.scan(post)
+        run.image([])
+    assert len(estimate.positions) == 0
+    assert estimate.obstacles == pytest.approx(post, abs=0.01)
+    pose = np.zeros(3)
+    for _ in range(200):
+        turn = math.tau / 200
+        step = Displacement(run.time, 1 / RATE_HZ, 3.0 * turn, 0.0, turn, 1e-6, 1e-6)
+        pose[:2] = to_parent(np.array([[step.dx, step.dy]]), pose)[0]
+        pose[2] += step.dpsi
+        run.filter.predict(step)
+        run.time += step.interval
+        there = to_frame(post, pose)
+        near = np.linalg.norm(there) < 2.4
+        readings = there if near else np.zeros((0, 2))
+        estimate = run.scan(readings, interval=0.0)
+        assert len(estimate.positions) == 0
+        errors = np.linalg.norm(estimate.obstacles - there, axis=1)
+        assert len(errors) == 1
+        assert errors[0] < 0.2
+    assert estimate.obstacle_covariances[0].trace() < 0.01
