@@ -70,6 +70,25 @@ def test_a_gap_in_a_picture_is_told_in_words(picture: Path, tmp_path: Path) -> N
     assert (result.exit_code, "it is torn" in result.output) == (1, True), result.exception
 
 
+def test_pictures_are_cut_as_those_of_the_camera(picture: Path, tmp_path: Path) -> None:
+    """Without an end mark, with filling before a marker, two in one buffer."""
+    whole = picture.read_bytes()
+    frame = whole.index(b"\xff\xc0")
+    for name, data in (
+        ("endless", whole[:-2] + bytes(400)),
+        ("filled", whole[:frame] + b"\xff\xff" + whole[frame:-2] + b"\xff" + whole[-2:]),
+        ("two", whole + whole),
+    ):
+        path = tmp_path / f"{name}.jpg"
+        path.write_bytes(data)
+        both = [
+            run(one, "--output", tmp_path / "seen.png").output.replace(str(one), "")
+            for one in (path, picture)
+        ]
+        assert "hue_deg = " in both[0]
+        assert both[0] == both[1]
+
+
 def test_pictures_that_cannot_be_used_are_told_in_words(picture: Path, tmp_path: Path) -> None:
     torn = tmp_path / "torn.jpg"
     torn.write_bytes(picture.read_bytes()[:-100])

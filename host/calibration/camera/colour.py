@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from host.config import Strip
+from host.drivers.camera.mjpeg import Splitter
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray, Image
 from host.perception.blob import Blob
@@ -25,16 +26,20 @@ _GREEN, _RED, _BLUE = (60, 200, 60), (60, 60, 230), (230, 160, 60)
 
 
 def read_picture(path: Path) -> bytes:
-    """The bytes of a picture as a sequential JPEG; other kinds are converted to one.
+    """The bytes of a picture as a JPEG, cut as those of a camera; other kinds are converted to one.
 
-    Raises UserError where the file is no picture.
+    Raises UserError where the file is no picture, or its first is not whole.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise UserError(f"cannot read {path}", error.strerror or str(error)) from error
     if data[:3] == b"\xff\xd8\xff":
-        return data
+        splitter = Splitter()
+        found = splitter.feed(data) + splitter.finish()
+        if not found:
+            raise UserError(f"{path} cannot be used", "it is torn", "give whole pictures")
+        return found[0]
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if data else None
     if picture is None:
         raise UserError(f"{path} is not a picture", "", "give JPEG or PNG files of the camera")

@@ -109,7 +109,7 @@ class RecordedFile:
 
     def _whole(self, data: bytes) -> bytes:
         found = self._splitter.feed(data) + self._splitter.finish()
-        return found[0] if found else b""
+        return found[-1] if found else b""
 
     def _mjpeg(self, file: BinaryIO) -> Iterator[bytes]:
         file.seek(0)

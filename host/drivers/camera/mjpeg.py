@@ -2,12 +2,17 @@
 
 The cut follows the markers of ITU-T T.81 (annex B), so that an end-of-image mark within a segment
 (a thumbnail, a comment) ends nothing, and what is not whole from its first mark to its last is
-counted and never handed out.
+counted and never handed out. Some cameras leave the last mark out: then only the decoder can say
+whether the data were complete when the next picture began.
 """
 
 import re
 
+import simplejpeg
+
 MAX_BYTES = 16 << 20  # of one picture
+_END_MARK = b"\xff\xd9"
+_PIXELS_PER_BYTE = 256  # at the most: a block of 8x8 takes two bits
 _START = b"\xff\xd8\xff"
 _SOI, _EOI, _SOS = 0xD8, 0xD9, 0xDA
 _OPAQUE = {0xFE, *range(0xE0, 0xF0)}  # comments and application data may hold anything
@@ -20,10 +25,14 @@ _MARK_IN_SCAN = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 
 class Splitter:
-    """Incremental; takes any bytes. counts: pictures, torn (begun but not whole), bytes_skipped."""
+    """Incremental; takes any bytes.
+
+    counts: pictures, those of them without their end mark, torn (begun but not whole),
+    bytes_skipped.
+    """
 
     def __init__(self) -> None:
-        self.counts = {"pictures": 0, "torn": 0, "bytes_skipped": 0}
+        self.counts = {"pictures": 0, "without_end": 0, "torn": 0, "bytes_skipped": 0}
         self._buffer = bytearray()  # begins with the picture while inside one
         self._begin(inside=False)
 
@@ -42,13 +51,15 @@ class Splitter:
         return pictures
 
     def finish(self) -> list[bytes]:
-        """The stream ends, or is broken, here: what is begun is torn.
+        """The stream ends, or is broken, here: what is begun is torn, or lacks its end mark only.
 
-        Returns the pictures that were taken for a part of a torn one. `feed` may follow.
+        Returns the latter, and the pictures that were taken for a part of a torn one. `feed` may
+        follow.
         """
         pictures: list[bytes] = []
         while self._inside:
-            self._tear(self._last_segment)
+            if not self._end_here(len(self._buffer), pictures):
+                self._tear(self._last_segment)
             pictures += self.feed(b"")
         self._skip(len(self._buffer))
         return pictures
@@ -91,7 +102,7 @@ class Splitter:
         if code == _EOI:
             return self._hand_out(pictures)
         if code not in _AFTER_SCAN:  # no start of a picture can lie before this mark
-            return self._tear(self._at)
+            return self._end_here(self._at, pictures) or self._tear(self._at)
         self._in_scan, self._last_segment = False, self._at
         return True
 
@@ -104,8 +115,9 @@ class Splitter:
             self._at += 1
             return True
         if buffer[at] == 0xFF and code in (_SOI, _EOI):
-            whole = code == _EOI and self._has_scan
-            return self._hand_out(pictures) if whole else self._tear(at)
+            if code == _EOI and self._has_scan:
+                return self._hand_out(pictures)
+            return self._end_here(at, pictures) or self._tear(at)
         if buffer[at] != 0xFF or code not in _IN_HEADER:
             # The last segment may be a torn one that swallowed the start of another picture. The
             # segments before it were followed by a marker, so a thumbnail in them stays hidden.
@@ -151,6 +163,37 @@ class Splitter:
         self.counts["pictures"] += 1
         self._begin(inside=False)
         return True
+
+    def _end_here(self, end: int, pictures: list[bytes]) -> bool:
+        """Hand the picture out with an end mark, if it is whole without what begins at `end`.
+
+        Zeros behind the data are what fills a buffer up.
+        """
+        if not self._has_scan:
+            return False
+        data = bytes(self._buffer[:end]).rstrip(b"\0")
+        jpeg = data + (b"\0" if data.endswith(b"\xff") else b"") + _END_MARK
+        if not _is_complete(jpeg):
+            return False
+        pictures.append(jpeg)
+        self.counts["pictures"] += 1
+        self.counts["without_end"] += 1
+        self.counts["bytes_skipped"] += end - (len(jpeg) - len(_END_MARK))
+        del self._buffer[:end]
+        self._begin(inside=False)
+        return True
+
+
+def _is_complete(jpeg: bytes) -> bool:
+    """Are there as many data as the header says? To be asked where the end mark was missing."""
+    width, height = size_of(jpeg)
+    if width * height > _PIXELS_PER_BYTE * len(jpeg):
+        return False
+    try:
+        simplejpeg.decode_jpeg(jpeg, "GRAY", min_width=1, min_height=1)
+    except ValueError:
+        return False
+    return True
 
 
 def size_of(jpeg: bytes) -> tuple[int, int]:

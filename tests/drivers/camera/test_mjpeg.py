@@ -92,7 +92,8 @@ def split(*pieces: bytes) -> tuple[list[bytes], dict[str, int]]:
 def test_pictures_in_a_row_come_out_as_they_went_in() -> None:
     found, counts = split(b"".join(PICTURES))
     assert found == PICTURES
-    assert counts == {"pictures": len(PICTURES), "torn": 0, "bytes_skipped": 0}
+    expected = {"pictures": len(PICTURES), "without_end": 0, "torn": 0, "bytes_skipped": 0}
+    assert counts == expected
 
 
 @pytest.mark.parametrize("picture", PICTURES)
@@ -131,13 +132,17 @@ def test_how_the_bytes_are_cut_up_does_not_matter(sizes: list[int], between: lis
 
 
 def test_a_torn_picture_costs_no_other_one() -> None:
-    """Cut anywhere: what follows is whole again, and a thumbnail is never taken for a picture."""
+    """Cut anywhere: what follows is whole again, and a thumbnail is no picture.
+
+    Unless the cut leaves the thumbnail without its end mark at the end: such a picture is one.
+    """
     torn, last = PICTURES[5], PICTURES[2]
+    thumbnail_end = torn.index(THUMBNAIL) + len(THUMBNAIL)
     unclear = []
-    for end in range(3, len(torn)):
+    for end in range(3, len(torn) - 2):  # up to its end mark
         found, _ = split(torn[:end] + PLAIN + last)
         assert found[-1] == last, end
-        assert THUMBNAIL not in found, end
+        assert THUMBNAIL not in found or thumbnail_end - 4 <= end < thumbnail_end
         if found != [PLAIN, last]:
             unclear.append(end)
     # At few places the torn segment's length leads by chance to a marker of the next picture.
@@ -149,7 +154,8 @@ def test_a_picture_that_ends_early_is_torn() -> None:
     for picture in PICTURES:
         found, counts = split(picture[: len(picture) // 2])
         assert found == []
-        assert counts == {"pictures": 0, "torn": 1, "bytes_skipped": len(picture) // 2}
+        assert (counts["pictures"], counts["torn"]) == (0, 1)
+        assert counts["bytes_skipped"] == len(picture) // 2
 
 
 def test_tables_alone_are_no_picture() -> None:
@@ -188,12 +194,62 @@ def test_damage_of_all_kinds_is_counted_and_survived() -> None:
         # After so many zeros no damaged segment reaches into the last picture.
         assert found[-1] == PLAIN
         assert counts["pictures"] == len(found)
-        assert counts["bytes_skipped"] + sum(map(len, found)) == len(stream)
+        added = 2 * counts["without_end"]
+        assert counts["bytes_skipped"] + sum(map(len, found)) == len(stream) + added
         for picture in found:
-            assert picture in stream
+            assert picture in stream or picture[:-2] in stream
             assert picture.startswith(b"\xff\xd8\xff")
             assert picture.endswith(b"\xff\xd9")
             assert min(size_of(picture)) > 0
+
+
+ENDLESS = PICTURES[:8]  # those that end with their data, and are not CMYK
+
+
+@given(
+    numbers=st.lists(st.integers(0, len(ENDLESS) - 1), min_size=1, max_size=8),
+    without_end=st.lists(st.booleans(), min_size=8, max_size=8),
+    padding=st.lists(st.sampled_from([b"", b"\0", bytes(900), b"\xff"]), min_size=8, max_size=8),
+    size=st.integers(40, 5000),
+)
+@settings(derandomize=True, max_examples=50, deadline=None)
+def test_end_marks_may_be_missing_and_buffers_filled_up(
+    numbers: list[int], without_end: list[bool], padding: list[bytes], size: int
+) -> None:
+    """Among others: a buffer with two pictures in it, and the last one without a successor."""
+    order = [ENDLESS[number] for number in numbers]
+    pieces = [
+        (picture[:-2] if bare else picture) + filling
+        for picture, bare, filling in zip(order, without_end, padding, strict=False)
+    ]
+    stream = b"".join(pieces)
+    found, counts = split(*(stream[at : at + size] for at in range(0, len(stream), size)))
+    assert counts["pictures"] == len(order)
+    assert counts["torn"] == 0
+    assert counts["without_end"] == sum(without_end[: len(order)])
+    for ours, picture in zip(found, order, strict=True):
+        assert ours.endswith(b"\xff\xd9")
+        np.testing.assert_array_equal(decoded(ours), decoded(picture))
+
+
+def decoded(jpeg: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
+
+
+@pytest.mark.parametrize("lost", [3, 40, 500])
+def test_without_an_end_mark_a_picture_that_lost_its_end_is_torn(lost: int) -> None:
+    for picture in ENDLESS:
+        for rest in (b"", PLAIN):
+            found, counts = split(picture[: -2 - lost] + rest)
+            assert found == ([rest] if rest else [])
+            assert counts["torn"] >= 1
+
+
+def test_a_header_of_a_huge_picture_without_end_costs_no_time() -> None:
+    huge = changed(FRAME + 5, 0xFF, 0x00, 0xFF, 0x00)[:-2]
+    found, counts = split(huge + PLAIN)
+    assert found == [PLAIN]
+    assert counts["torn"] == 1
 
 
 def test_long_garbage_takes_time_in_proportion_only() -> None:
