@@ -102,7 +102,7 @@ class PmbFilter:
         missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
         absent = 1.0 - whole[TOTAL] + whole[TOTAL] * missing
         birth = settings.pmb.appear_per_m2_s * elapsed
-        remembered = self._lidar_detection(self._world.rows, measured.clearance)
+        remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
         background = self._lidar.clutter / likeness(measured) + birth + known
         mass = pairs.mass()
@@ -122,6 +122,11 @@ class PmbFilter:
         """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
         bearing, distance, clearance = self._surroundings(whole, measured)
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
+
+    def _remembered_detection(self, measured: FloatArray | None) -> FloatArray:
+        """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance."""
+        seen = self._surroundings(self._world.rows, measured)
+        return self._lidar.detection(*seen, measured is not None)
 
     def _bear(
         self, measured: Positions, noise: FloatArray, existence: FloatArray, known: FloatArray
