@@ -32,7 +32,7 @@ _ALONE_S = 2.0  # without a measurement for so long the filter follows the odome
 _LEAP_S = 10.0  # a message further ahead of all others is believed once a second one agrees
 
 
-def unnoticed(measurement: Measurement) -> None:
+def unnoticed(measurement: Measurement, readings: Positions | Bearings) -> None:
     """A measurement whose use nobody asks about."""
 
 
@@ -48,9 +48,11 @@ class Localizer:
         self,
         config: RobotConfig,
         estimator: Filter,
-        used: Callable[[Measurement], None] = unnoticed,
+        used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
     ) -> None:
-        """used: called with each measurement, as it came, once its estimate is made."""
+        """used: called with each measurement as it came, and the readings found in it (of a scan:
+        candidates), once its estimate is made.
+        """
         self.dropped = 0  # measurements that came too late
         self.malformed = 0  # messages that cannot be what they claim to be
         self.fault: str | None = None  # what was wrong with the last one of these
@@ -161,7 +163,7 @@ class Localizer:
             self._drop(wrong)
             return []
         estimate = self._filter.estimate()
-        self._used(measurement)
+        self._used(measurement, readings)
         return [estimate]
 
     def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:

@@ -13,6 +13,7 @@ FLOORS = {
     "experiments": 8,
     "sessions": 7,
     "sources": 6,
+    "viewer": 6,
     "pipeline": 5,
     "simulation": 4,
     "localizer": 3,

@@ -46,7 +46,7 @@ def coloured(text: str, style: str) -> str:
 
 @dataclass
 class State:
-    """What the screen shows. title: what runs; filter_name, sensors: as chosen.
+    """What the screen shows. title: what runs; filter_name, sensors: as chosen; page: its address.
 
     seconds: since the start; real_time_factor: measured seconds per second of the clock. now: the
     newest look at what is known.
@@ -55,6 +55,7 @@ class State:
     title: str
     filter_name: str
     sensors: str
+    page: str = ""
     seconds: float = 0.0
     real_time_factor: float = math.nan
     now: Now | None = None
@@ -99,10 +100,11 @@ def _header(state: State, width: int, paint: Paint) -> list[str]:
     clock = f"{minutes:02.0f}:{seconds:04.1f}" if minutes < 100 else f"{minutes:.0f} min"
     known = not math.isnan(state.real_time_factor) and state.silent_s <= _SILENT_S
     factor = f"   real time x{state.real_time_factor:.2f}" if known else ""
-    return [
+    lines = [
         paint(f"swarmloc   {state.title}"[:width], "bold"),
         f"{clock}   filter {state.filter_name}   sensors {state.sensors}{factor}"[:width],
     ]
+    return [*lines, f"live page   {state.page}"] if state.page else lines
 
 
 def _table(state: State, paint: Paint) -> list[str]:
@@ -252,6 +254,8 @@ class Console:
 
     def _lines(self, now: float) -> str:
         lines = [] if self._opened else [f"swarmloc   {self._state.title}\n"]
+        if not self._opened and self._state.page:
+            lines.append(f"live page   {self._state.page}\n")
         self._opened = True
         for name, health in self._state.devices.items():
             # While all is well its words may change with every figure in them.

@@ -1,6 +1,7 @@
 """`swarmloc run`: the robot's devices, or simulated ones, to teammates on the screen."""
 
 import contextlib
+import ipaddress
 import math
 import re
 import sys
@@ -15,7 +16,8 @@ from host.cli.console import FRAME_S, Console, State
 from host.cli.signals import signals_caught
 from host.cli.summary import summary
 from host.errors import UserError
-from host.messages import Health, Message
+from host.messages import Bearings, Health, Measurement, Message, Positions
+from host.pipeline import Now, Sink
 from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration
 from host.sessions.running import RunOutcome, run_devices
@@ -23,6 +25,10 @@ from host.simulation.live import Interval
 from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
+from host.viewer.scene import Scene
+from host.viewer.server import Viewer
+
+NO_VIEW = ("", 0)
 
 
 def _intervals(
@@ -41,6 +47,23 @@ def _intervals(
             raise click.BadParameter(f"{value!r} is not like lidar=2-4 (seconds since the start).")
         absent.setdefault(device, []).append(times)
     return absent
+
+
+def _address(
+    ctx: click.Context, param: click.Parameter, value: str | None
+) -> tuple[str, int] | None:
+    """(address, port) of ADDRESS:PORT, NO_VIEW of "none"; None where nothing is given."""
+    if value is None:
+        return None
+    if value == "none":
+        return NO_VIEW
+    address, _, port = value.rpartition(":")
+    try:
+        return str(ipaddress.ip_address(address.strip("[]"))), int(port)
+    except ValueError:
+        raise click.BadParameter(
+            f"{value!r} is not like 127.0.0.1:8737 or [::1]:8737, and not none."
+        ) from None
 
 
 @click.command(
@@ -81,6 +104,13 @@ Examples:
     type=click.Choice(SENSORS),
     help="Sensors to use besides the wheels.  [default: those there are]",
 )
+@click.option(
+    "--view",
+    metavar="ADDRESS:PORT",
+    callback=_address,
+    help="Where to serve the live page: 0.0.0.0:8737 shares it with who has the printed address; "
+    "none serves none.  [default: this computer alone, 127.0.0.1:8737 or a free port]",
+)
 @options.filter_option
 @options.json_option
 def run(
@@ -90,6 +120,7 @@ def run(
     seconds: float | None,
     record: Path | None,
     sensors: str | None,
+    view: tuple[str, int] | None,
     filter_name: str | None,
     json_path: Path | None,
 ) -> None:
@@ -104,7 +135,10 @@ def run(
             rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
-        outcome = _show_run(rig, seconds, record)
+        viewer = _viewer(rig, view)
+        if viewer is not None:
+            stack.enter_context(viewer)
+        outcome = _show_run(rig, seconds, record, viewer)
     click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)
     for name, error in outcome.failures.items():
@@ -135,16 +169,46 @@ def _show_health(console: Console, message: Message) -> None:
         console.take(message)
 
 
-def _show_run(rig: Rig, seconds: float | None, record: Path | None) -> RunOutcome:
+def _viewer(rig: Rig, view: tuple[str, int] | None) -> Viewer | None:
+    """The server of the live page; None where none is wanted. Raises UserError."""
+    scene = Scene(rig.config, rig.config.filter.profile)
+    if view == NO_VIEW:
+        return None
+    if view is not None:
+        return Viewer(scene, *view)
+    try:
+        return Viewer(scene)
+    except UserError:  # another run has the port
+        return Viewer(scene, port=0)
+
+
+def _show_run(
+    rig: Rig, seconds: float | None, record: Path | None, viewer: Viewer | None
+) -> RunOutcome:
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure."""
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
-    console = Console(State(title, rig.config.filter.profile, rig.sensors), sys.stdout)
+    page = "" if viewer is None else viewer.url
+    console = Console(State(title, rig.config.filter.profile, rig.sensors, page), sys.stdout)
+    sinks: dict[str, Sink] = {"screen": lambda message: _show_health(console, message)}
+    if viewer is not None:
+        sinks["page"] = viewer.take
+
+    def look(now: Now) -> None:
+        console.take(now)
+        if viewer is not None:
+            viewer.look(now)
+
+    def used(_: Measurement, readings: Positions | Bearings) -> None:
+        if viewer is not None:
+            viewer.take(readings)
+
     # Signals are caught until the devices are left in good order.
     with contextlib.closing(console), signals_caught() as signalled:
         return run_devices(
             rig,
-            {"screen": lambda message: _show_health(console, message)},
-            now=console.take,
+            sinks,
+            now=look,
+            used=used,
             seconds=seconds,
             record=record,
             stopped=signalled,

@@ -71,7 +71,7 @@ class Delays:
         self._seconds: dict[str, deque[float]] = {}
 
     def note(self, measurement: Measurement) -> None:
-        """Its estimate is there now."""
+        """The estimate made of it is there now."""
         name = "camera" if isinstance(measurement, Bearings) else "lidar"
         kept = self._seconds.setdefault(name, deque(maxlen=self._KEPT))
         kept.append(self._clock() - measurement.time)

@@ -12,7 +12,8 @@ from typing import Any
 from host.cross_checks.checks import CrossChecks
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
-from host.localizer import Localizer
+from host.localizer import Localizer, unnoticed
+from host.messages import Bearings, Measurement, Positions
 from host.pipeline import Now, Pipeline, Sink, unwatched
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
@@ -48,18 +49,25 @@ def run_devices(
     watch: Callable[[], None] = nothing,
     watch_every_s: float = 0.2,
     now: Callable[[Now], None] = unwatched,
+    used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
 ) -> RunOutcome:
     """Run until `stopped()`, for `seconds` or until the localizer fails.
 
     sinks: by the name that Health calls them; each gets every message, in the localizer's thread.
     record: the recording to write. watch: called in this thread every `watch_every_s`, and at the
-    end. now: told ten times a second what is known at that moment, in the localizer's thread.
+    end. now: told ten times a second what is known at that moment; used: each measurement, and the
+    readings that were found in it; both in the localizer's thread.
     Raises UserError where the recording cannot be begun.
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
     delays = Delays()
-    localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), delays.note)
+
+    def note(measurement: Measurement, readings: Positions | Bearings) -> None:
+        delays.note(measurement)
+        used(measurement, readings)
+
+    localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), note)
     tally = Tally()
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}

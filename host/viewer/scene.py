@@ -1,0 +1,173 @@
+"""What a watcher is told: one JSON message that says all that is known now (docs/stream.md)."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from host.config import RobotConfig
+from host.geometry import Path, to_frame, to_parent, wrap
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    FloatArray,
+    Health,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
+from host.perception.turret_segments import place
+from host.pipeline import Now
+
+SCHEMA = "swarmloc.stream/1"
+VALID_S = 0.5  # who hears nothing newer for so long is to take the stream as lost
+_SHOWN_S = 1.0  # a scan or bearings older than this are no longer shown
+
+
+class Scene:
+    """The newest of everything, told in the robot's frame of one moment.
+
+    Not for several threads: `take` and `tell` belong to the localizer's.
+    """
+
+    def __init__(self, config: RobotConfig, filter_name: str) -> None:
+        self._config = config
+        self._filter_name = filter_name
+        self._path = Path()
+        self._scan: Scan | None = None
+        self._candidates: Positions | None = None
+        self._bearings: dict[str, Bearings] = {}
+        self._devices: dict[str, Health] = {}
+
+    def take(self, message: Message) -> None:
+        """Note what a message says."""
+        if isinstance(message, Displacement):
+            self._path.append(message)
+        elif isinstance(message, Scan):
+            self._scan = message
+        elif isinstance(message, Positions):
+            self._candidates = message
+        elif isinstance(message, Bearings):
+            self._bearings[message.camera] = message
+        elif isinstance(message, Health):
+            self._devices[message.device] = message
+
+    def tell(self, now: Now) -> dict[str, Any]:
+        """The message for readers: lengths in m, angles in rad, times in s, all at now."""
+        time = now.estimate.time
+        x, y, heading = self._path.poses(np.array([time]))[0]
+        return {
+            "schema": SCHEMA,
+            "time": _figure(time),
+            "valid_until": _figure(time + VALID_S),
+            "measured": _figure(now.measured),
+            "robot": self._config.name,
+            "filter": self._filter_name,
+            "pose": {"x": _figure(x), "y": _figure(y), "heading": _figure(wrap(heading))},
+            "estimates": _estimates(now.estimate),
+            "obstacles": [
+                {"x": _figure(x), "y": _figure(y)} for x, y in now.estimate.obstacles
+            ],
+            "truth": None if now.truth is None else _truth(now.truth),
+            "scan": self._scan_at(time),
+            "candidates": self._candidates_at(time),
+            "bearings": [
+                self._bearings_at(time, seen)
+                for seen in self._bearings.values()
+                if time - seen.time < _SHOWN_S
+            ],
+            "blind": [
+                {"centre": _figure(sector.centre_rad), "width": _figure(sector.width_rad)}
+                for sector in self._config.lidar.blind_sectors
+            ],
+            "devices": [
+                {"name": name, "ok": health.ok, "reason": health.reason, "counts": health.counts}
+                for name, health in self._devices.items()
+            ],
+        }
+
+    def _scan_at(self, time: float) -> list[list[float]]:
+        """Where the lidar's returns are now, if they stood still since: [[x, y], ...]."""
+        scan = self._scan
+        if scan is None or time - scan.time >= _SHOWN_S:
+            return []
+        points, returned = place(scan, self._config.lidar, self._path)
+        return _rows(self._carried(points[returned], scan.time, time))
+
+    def _candidates_at(self, time: float) -> list[list[float]]:
+        found = self._candidates
+        if found is None or time - found.time >= _SHOWN_S:
+            return []
+        return _rows(self._carried(found.positions, found.time, time))
+
+    def _carried(self, points: FloatArray, seen: float, time: float) -> FloatArray:
+        return self._path.carry(points, np.full(len(points), seen), time)
+
+    def _bearings_at(self, time: float, seen: Bearings) -> dict[str, Any]:
+        then, now = self._path.poses(np.array([seen.time, time]))
+        turned = float(then[2] - now[2])
+        (origin,) = to_frame(to_parent(np.array([seen.origin]), then), now)
+        return {
+            "camera": seen.camera,
+            "age": _figure(time - seen.time),
+            "x": _figure(origin[0]),
+            "y": _figure(origin[1]),
+            "directions": [_figure(angle) for angle in wrap(seen.bearings + turned)],
+            "sigmas": [_figure(sigma) for sigma in np.sqrt(seen.variances)],
+            "view": {"centre": _figure(wrap(seen.view[0] + turned)), "half": _figure(seen.view[1])},
+        }
+
+
+def ellipse(covariance: FloatArray) -> tuple[float, float, float]:
+    """Of a covariance (2, 2): standard deviations along its axes (m) and the major one's angle."""
+    values, vectors = np.linalg.eigh(covariance)
+    minor, major = np.sqrt(np.maximum(values, 0.0))
+    return float(major), float(minor), math.atan2(vectors[1, 1], vectors[0, 1])
+
+
+def _estimates(estimate: Estimate) -> list[dict[str, Any]]:
+    rows = []
+    for k, (x, y) in enumerate(estimate.positions):
+        major, minor, angle = ellipse(estimate.covariances[k])
+        covariance = estimate.covariances[k]
+        rows.append(
+            {
+                "label": int(estimate.labels[k]),
+                "class": "teammate",
+                "x": _figure(x),
+                "y": _figure(y),
+                "covariance": [
+                    _fine(covariance[0, 0]),
+                    _fine(covariance[0, 1]),
+                    _fine(covariance[1, 1]),
+                ],
+                "sigmas": [_figure(major), _figure(minor)],
+                "angle": _figure(angle),
+                "weight": _figure(estimate.weights[k]),
+                "age": _figure(estimate.ages[k]),
+            }
+        )
+    return rows
+
+
+def _truth(truth: Truth) -> list[dict[str, Any]]:
+    return [
+        {"identity": int(identity), "x": _figure(x), "y": _figure(y)}
+        for identity, (x, y) in zip(truth.identities, truth.positions, strict=True)
+    ]
+
+
+def _rows(points: FloatArray) -> list[list[float]]:
+    rows: list[list[float]] = np.round(points, 3).tolist()
+    return rows
+
+
+def _figure(value: Any) -> float | None:
+    """A number to a tenth of a millimetre; null, which JSON has, where it is not finite."""
+    return round(float(value), 4) if math.isfinite(value) else None
+
+
+def _fine(value: Any) -> float:
+    return float(f"{float(value):.6g}")

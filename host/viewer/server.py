@@ -1,0 +1,174 @@
+"""The live page and its stream: a small web server in a thread of its own.
+
+The localizer's thread hands over a text and goes on; each reader gets the newest text when it is
+ready for one, so a slow reader skips and delays nobody.
+"""
+
+import asyncio
+import http
+import ipaddress
+import json
+import socket
+import threading
+from types import TracebackType
+from typing import Self
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from host.errors import UserError
+from host.messages import Message
+from host.pipeline import Now
+from host.viewer.access import access
+from host.viewer.page import page
+from host.viewer.scene import Scene
+
+DEFAULT_PORT = 8737
+_STREAM = "/stream"
+# The page may use what is in it and talk to this server; nothing else, and nobody may frame it.
+_NO_WEB = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_READER_BUFFER = 65536  # bytes towards one reader; more would only grow old
+
+
+class Viewer:
+    """Serves from entry to exit of its `with` block. url: what a person opens.
+
+    address, port: where it listens; port 0: a free one. Raises UserError where it cannot.
+    """
+
+    def __init__(self, scene: Scene, address: str = "127.0.0.1", port: int = DEFAULT_PORT) -> None:
+        self._scene = scene
+        self._socket = _listening(address, port)
+        self._access = access(address, self._socket.getsockname()[1])
+        token = f"/?token={self._access.token}" if self._access.token else "/"
+        shown = _own_address() if ipaddress.ip_address(address).is_unspecified else address
+        self.url = f"http://{_bracketed(shown)}:{self._access.port}{token}"
+        self._page = page().encode()
+        self._loop = asyncio.new_event_loop()
+        self._newest = 0, ""  # its number and text
+        self._news = asyncio.Condition()
+        self._readers = 0
+        self._stop = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join()
+        self._loop.close()
+
+    def take(self, message: Message) -> None:
+        """Note a message, in the localizer's thread."""
+        self._scene.take(message)
+
+    def look(self, now: Now) -> None:
+        """Tell the readers what is known now, in the localizer's thread; nothing without any."""
+        if self._readers:
+            text = json.dumps(self._scene.tell(now), separators=(",", ":"), allow_nan=False)
+            asyncio.run_coroutine_threadsafe(self._publish(text), self._loop)
+
+    def _run(self) -> None:
+        self._loop.run_until_complete(self._serve())
+
+    async def _serve(self) -> None:
+        async with serve(
+            self._read,
+            sock=self._socket,
+            process_request=self._answer,
+            compression=None,  # the robot's time is worth more than a network's bytes
+            max_size=1024,
+            max_queue=4,
+            write_limit=_READER_BUFFER,
+            close_timeout=0.5,
+            server_header=None,
+        ):
+            await self._stop.wait()
+            async with self._news:
+                self._news.notify_all()
+
+    async def _publish(self, text: str) -> None:
+        async with self._news:
+            self._newest = self._newest[0] + 1, text
+            self._news.notify_all()
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The page or a refusal; None lets a reader on to the stream."""
+        origins = request.headers.get_all("Origin")
+        refusal = self._access.refusal(request.path, request.headers.get("Host"), origins)
+        path = request.path.partition("?")[0]
+        if refusal:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, refusal + "\n")
+        if path == _STREAM:
+            return None
+        if path != "/":
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "there is / and /stream\n")
+        headers = Headers(
+            {
+                "Content-Type": "text/html; charset=utf-8",
+                "Content-Length": str(len(self._page)),
+                "Content-Security-Policy": _NO_WEB,
+                "Cache-Control": "no-store",
+                "Referrer-Policy": "no-referrer",
+                "Connection": "close",
+            }
+        )
+        return Response(200, "OK", headers, self._page)
+
+    async def _read(self, connection: ServerConnection) -> None:
+        """Send one reader the newest text again and again, until it goes."""
+        self._readers += 1
+        number = 0
+        try:
+            while not self._stop.is_set():
+                async with self._news:
+                    while self._newest[0] == number and not self._stop.is_set():
+                        await self._news.wait()
+                    number, text = self._newest
+                await connection.send(text)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._readers -= 1
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    """A socket that listens. Raises UserError where there can be none."""
+    try:
+        version = ipaddress.ip_address(address).version
+        return socket.create_server(
+            (address, port), family=socket.AF_INET6 if version == 6 else socket.AF_INET
+        )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UserError(
+            f"cannot serve the live page at {_bracketed(address)}:{port}",
+            reason,
+            "give another one, as --view 127.0.0.1:8080, or --view none",
+        ) from error
+
+
+def _bracketed(address: str) -> str:
+    return f"[{address}]" if ":" in address else address
+
+
+def _own_address() -> str:
+    """The address by which the network that leads on knows this computer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of a network for examples; nothing is sent
+        except OSError:
+            return "127.0.0.1"
+        return str(probe.getsockname()[0])

@@ -1,0 +1,134 @@
+"""The page in a real browser: what it draws, what it says, and that it asks nobody else."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+import urllib.parse
+from pathlib import Path
+
+import pytest
+
+from tests.viewer import scenes
+
+DOC = (Path(__file__).resolve().parents[2] / "docs" / "stream.md").read_text()
+# Middle of all pixels of the teammates' colour, in CSS pixels from the middle of the map; the map
+# shows nothing else meanwhile.
+CENTROID = """
+const ink = [1, 3, 5].map(k => parseInt(colours.teammate.slice(k, k + 2), 16));
+const ratio = map.width / map.clientWidth, {data} = pen.getImageData(0, 0, map.width, map.height);
+let n = 0, x = 0, y = 0;
+for (let k = 0; k < data.length; k += 4)
+  if (data[k + 3] === 255 && ink.every((c, j) => Math.abs(data[k + j] - c) < 3)) {
+    n++; x += k / 4 % map.width + .5; y += Math.floor(k / 4 / map.width) + .5; }
+return [n, x / n / ratio - map.clientWidth / 2, y / n / ratio - map.clientHeight / 2];
+"""
+SCENES = [
+    ((1.0, 0.5), 0.0, False),
+    ((-1.2, -0.3), 0.9, False),
+    ((0.7, -1.1), 2.0, True),
+]
+
+
+@pytest.mark.parametrize(("place", "heading", "north_up"), SCENES)
+def test_a_teammate_is_drawn_where_it_is(served, browser, place, heading, north_up):
+    steps = [scenes.a_step(0.9), scenes.a_step(1.0, dpsi=heading)]
+    running = served(*steps, now=scenes.now(1.0, place, sigma=0.001))
+    browser.driver.get(running.viewer.url)
+    browser.wait_for("scene && scene.estimates.length === 1")
+    if north_up:
+        browser.driver.find_element("id", "north").click()
+    for name in ("scan", "candidates", "bearings", "trails", "truth"):
+        browser.driver.find_element("name", name).click()
+    scale = browser.driver.execute_script("draw(); return view.scale")
+    count, x, y = browser.driver.execute_script(CENTROID)
+    angle = heading if north_up else 0.0
+    ahead = math.cos(angle) * place[0] - math.sin(angle) * place[1]
+    left = math.sin(angle) * place[0] + math.cos(angle) * place[1]
+    assert count > 10
+    assert (x, y) == pytest.approx((-scale * left, -scale * ahead), abs=1.0)
+
+
+def test_it_says_in_words_what_it_draws(served, browser):
+    running = served(
+        scenes.health(ok=False), now=scenes.now(1.0, (1.0, 0.5), (0.0, -2.0), truth=True)
+    )
+    browser.driver.get(running.viewer.url)
+    browser.wait_for("document.querySelectorAll('#teammates tr').length === 2")
+    rows = browser.driver.execute_script(
+        "return [...document.querySelectorAll('#teammates tr')].map("
+        "row => [...row.cells].map(cell => cell.textContent))"
+    )
+    assert rows[0] == ["1", "1.12", "27", "30", "0.90", "0.1", "0"]
+    assert rows[1][:3] == ["2", "2.00", "-90"]
+    said = browser.driver.execute_script("return document.getElementById('devices').textContent")
+    assert said == "lidarDOWN  scanning"
+    assert browser.driver.find_element("id", "state").text == "live"
+
+
+def test_pause_zoom_and_measure_by_keyboard_and_pointer(served, browser):
+    running = served(now=scenes.now(1.0, (1.0, 0.5)))
+    browser.driver.get(running.viewer.url)
+    browser.wait_for("scene")
+    body = browser.driver.find_element("tag name", "body")
+    body.send_keys(" ")
+    browser.wait_for("document.getElementById('state').textContent === 'paused'")
+    running.now = scenes.now(2.0, (1.0, 0.5), (1.0, 1.0))
+    assert browser.driver.execute_script("return scene.estimates.length") == 1
+    body.send_keys(" ")
+    browser.wait_for("scene.estimates.length === 2")
+    before = browser.driver.execute_script("return view.scale")
+    body.send_keys("+")
+    assert browser.driver.execute_script("return view.scale") == pytest.approx(1.25 * before)
+    body.send_keys("fm")
+    browser.driver.execute_script(
+        """for (const place of [[0, 0], [1, 0]]) {
+             const [offsetX, offsetY] = toPixel(place);
+             map.setPointerCapture = () => {}; map.onpointerdown({pointerId: 1, offsetX, offsetY});
+             map.onpointerup({pointerId: 1}); }"""
+    )
+    assert browser.driver.find_element("id", "ruler").text == "1.000 m"
+
+
+def test_when_the_run_ends_it_says_so(served, browser):
+    running = served()
+    browser.driver.get(running.viewer.url)
+    browser.wait_for("document.getElementById('state').textContent === 'live'")
+    running.stop()
+    browser.wait_for("document.getElementById('state').textContent === 'connection lost'")
+
+
+def test_the_javascript_of_the_documentation_runs(served, browser):
+    (example,) = re.findall(r"```javascript\n(.*?)```", DOC, re.DOTALL)
+    running = served()
+    browser.driver.get(running.viewer.url)
+    browser.driver.execute_script(
+        "window.said = []; console.log = text => said.push(text);"
+        + example.replace("ws://127.0.0.1:8737/stream", running.stream)
+    )
+    assert browser.wait_for("said[0]") == "1: 1.00 0.50 m, 0.1 s ago"
+
+
+def test_teammates_of_a_run_move_on_it_and_it_asks_nobody_else(browser):
+    command = [sys.executable, "-u", "-c", "from host.cli.main import main; main()"]
+    arguments = ["run", "--simulate", "arena4", "--seconds", "40", "--view", "127.0.0.1:0"]
+    with subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, text=True) as run:
+        try:
+            (url,) = next(filter(None, (re.findall(r"http://\S+", line) for line in run.stdout)))
+            browser.driver.get(url)
+            first = browser.wait_for("scene && scene.estimates.length && scene.estimates[0].x")
+            browser.wait_for(f"scene.estimates[0].x !== {first}")
+            browser.wait_for("scene.scan.length > 100")
+        finally:
+            run.terminate()
+            run.communicate()
+    asked = [
+        json.loads(entry["message"])["message"] for entry in browser.driver.get_log("performance")
+    ]
+    hosts = {
+        urllib.parse.urlsplit(event["params"]["request"]["url"]).hostname
+        for event in asked
+        if event["method"] == "Network.requestWillBeSent"
+    }
+    assert hosts <= {"127.0.0.1", None}
