@@ -67,9 +67,7 @@ class Scene:
             "filter": self._filter_name,
             "pose": {"x": _figure(x), "y": _figure(y), "heading": _figure(wrap(heading))},
             "estimates": _estimates(now.estimate),
-            "obstacles": [
-                {"x": _figure(x), "y": _figure(y)} for x, y in now.estimate.obstacles
-            ],
+            "obstacles": [{"x": _figure(x), "y": _figure(y)} for x, y in now.estimate.obstacles],
             "truth": None if now.truth is None else _truth(now.truth),
             "scan": self._scan_at(time),
             "candidates": self._candidates_at(time),
