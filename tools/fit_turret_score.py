@@ -1,31 +1,34 @@
-"""Fit the score of turret candidates: recorded rooms, with turrets cut into them.
+"""Fit the score of turret candidates: recorded rooms with turrets cut into them, simulated ones.
 
     SWARMLOC_DATA=folder python -m tools.fit_turret_score
 
-The first half of each recording is fitted to, the second half tested on. It prints what
-`host/perception/turret_score.py` holds: weights and constant of a logistic model, in which turrets
-and background weigh the same, so that its value is a log likelihood ratio; and the least scores,
-which keep 98 % of the turrets in plain view or before a wall, 93 % of those half hidden and 97 %
-of the cones, which are the only real ones.
+It prints what `host/perception/turret_score.py` holds: weights and constant of a logistic model,
+in which turrets and background weigh the same, so that its value is a log likelihood ratio; and
+the least score, which keeps 98.5 % of the turrets in plain view or close before a wall. For each
+recorded room it prints, too, how a model does there that was fitted to all the others: so many
+candidates are to be expected in a room that nobody has recorded. It takes some two minutes.
 """
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from host.config import Lidar
-from host.geometry import Path
+from host.geometry import Path, to_frame
 from host.messages import BoolArray, FloatArray, Scan
 from host.perception.turret_fit import fit_circles
-from host.perception.turret_score import FEATURES, HITS, features
+from host.perception.turret_score import FEATURES, features
 from host.perception.turret_segments import place, returns, small_segments
+from host.simulation.offline import OBSERVER
+from host.simulation.world.arena import Arena
+from host.simulation.world.scenarios import parse_scenario
 from tests.perception.cut_turrets import (
-    Case,
     before_a_wall,
     cases,
     half_hidden,
@@ -33,95 +36,135 @@ from tests.perception.cut_turrets import (
     room,
     yard,
 )
+from tools.bench.turrets import decode, record
 
 LIDAR = Lidar()
 CONES = Lidar(target_diameter_m=0.19, max_range_m=6.0)
 FOUND_M = 0.06
-COUNTS = {in_plain_view: 800, before_a_wall: 400, half_hidden: 600}  # of turrets a recording
-IMPORTANCE = {in_plain_view: 1.0, before_a_wall: 1.0, half_hidden: 0.5}
-# By kind: what share is kept, and how many near a number of returns make it a figure.
-KEPT = {1.0: (0.98, 20), 2.0: (0.93, 100), 3.0: (0.97, 8)}
-ENOUGH = 2.0  # no candidate needs a score above this
+PLACINGS = {"plain": in_plain_view, "wall": before_a_wall, "hidden": half_hidden}
+CUT = 1200  # turrets of each kind into a recording
+SIMULATED = (
+    "swarm20:seconds=40,seed=41",
+    "swarm20:seconds=40,seed=42",
+    "arena4:seconds=40,seed=43",
+    "arena4:seconds=40,seed=44,posts=12",
+)
+# How much all segments of a kind weigh in the fit, in each room that has them.
+TURRETS = {"plain": 1.0, "wall": 1.0, "hidden": 0.5, "cone": 0.7, "simulated": 0.75}
+BACKGROUND = {"background": 1.0, "wide background": 0.5, "simulated background": 0.05}
+KEPT = 0.985  # of the turrets in plain view or before a wall
 RIDGE = 1e-3  # on weights of features scaled to unit std
-# Of the turrets' returns: whose scores make the least score at each of HITS.
-NEIGHBOURHOODS = ((2, 2), (3, 3), (4, 4), (5, 6), (7, 9), (10, 14), (14, 99))
+
+Names = NDArray[np.str_]
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Segments: features (n, f), returns (n,), importance (n,), and of which kind (n,).
-
-    kind: 0 background, 1 a turret in plain view or before a wall, 2 one half hidden,
-    3 a cone.
-    """
+class Segments:
+    """Segments: features (n, f), the room where each was seen and its kind (n,)."""
 
     table: FloatArray
-    hits: FloatArray
-    importance: FloatArray
-    kind: FloatArray
+    room: Names
+    kind: Names
+
+    @property
+    def is_turret(self) -> BoolArray:
+        return np.isin(self.kind, list(TURRETS))
+
+    @property
+    def weights(self) -> FloatArray:
+        """Turrets and background together weigh 1 each."""
+        weights = np.zeros(len(self.kind))
+        for kind, weight in (TURRETS | BACKGROUND).items():
+            for name in np.unique(self.room):
+                chosen = (self.kind == kind) & (self.room == name)
+                weights[chosen] = weight / max(np.count_nonzero(chosen), 1)
+        for which in (self.is_turret, ~self.is_turret):
+            weights[which] /= weights[which].sum()
+        return weights
+
+    def of(self, chosen: BoolArray) -> "Segments":
+        return Segments(self.table[chosen], self.room[chosen], self.kind[chosen])
 
 
-def segments_of(scan: Scan, lidar: Lidar = LIDAR) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Features, returns and centres of the segments of a scan that are small enough."""
-    points, returned = place(scan, lidar, Path())
+Row = tuple[FloatArray, str, str]
+
+
+def measure(scan: Scan, lidar: Lidar = LIDAR, path: Path | None = None) -> tuple[FloatArray, ...]:
+    """Features, centres, returns and times of the segments of a scan that are small enough."""
+    points, returned = place(scan, lidar, path or Path())
     seen = returns(scan, points, returned, lidar.target_diameter_m)
     small = small_segments(seen, lidar)
     circles = fit_circles(seen, small, lidar)
     table = features(seen, small, circles, lidar.target_diameter_m)
-    return table, small.sizes.astype(np.float64), circles.centres
+    return table, circles.centres, small.sizes.astype(np.float64), seen.times[small.first]
 
 
-def turret_segment(case: Case) -> tuple[FloatArray, float] | None:
-    """Features and returns of the segment on the turret, None where it is in none."""
-    table, hits, centres = segments_of(case.scan)
-    off = np.hypot(*(centres - case.place).T)
-    k = int(np.argmin(off)) if len(off) else 0
-    return (table[k], float(hits[k])) if len(off) and off[k] < FOUND_M else None
-
-
-def gather(scans: Sequence[Scan], seed: int) -> Samples:
-    """Background and turrets of some revolutions of one recording."""
-    rows: list[tuple[FloatArray, float, float, float]] = []
-    background = [segments_of(scan)[:2] for scan in scans]
-    total = sum(len(hits) for _, hits in background)
-    for table, hits in background:
-        rows += [(row, hit, 1000.0 / total, 0.0) for row, hit in zip(table, hits, strict=True)]
-    for placing, count in COUNTS.items():
+def recorded(name: str, scans: Sequence[Scan]) -> Iterator[Row]:
+    """Background of a recording without turrets, and turrets cut into it."""
+    for scan in scans:
+        for row in measure(scan)[0]:
+            yield row, name, "background"
+    for kind, placing in PLACINGS.items():
         try:
-            found = [turret_segment(case) for case in cases(scans, placing, count, seed)]
+            placed = list(cases(scans, placing, CUT, seed=11))
         except ValueError:
             continue  # this recording has no place of the kind
-        kind = 2.0 if placing is half_hidden else 1.0
-        rows += [(*one, IMPORTANCE[placing], kind) for one in found if one]
-    table, hits, importance, kind = zip(*rows, strict=True)
-    return Samples(np.array(table), np.array(hits), np.array(importance), np.array(kind))
+        for case in placed:
+            table, centres, *_ = measure(case.scan)
+            off = np.hypot(*(centres - case.place).T)
+            if len(off) and off.min() < FOUND_M:
+                yield table[np.argmin(off)], name, kind
 
 
-def gather_cones(scans: Sequence[Scan]) -> Samples:
-    """The cones that stand straight ahead in the yards: real turrets, though of another width."""
-    rows = []
+def cones(name: str, scans: Sequence[Scan]) -> Iterator[Row]:
+    """The cones straight ahead in the yards: real turrets, though of another width."""
     for scan in scans:
-        table, hits, centres = segments_of(scan, CONES)
-        ahead = np.flatnonzero(np.abs(np.arctan2(centres[:, 1], centres[:, 0])) < 0.09)
-        rows += [(table[k], hits[k]) for k in ahead[np.argsort(-hits[ahead])][:1]]
-    table, hits = (np.array(column) for column in zip(*rows, strict=True))
-    return Samples(table, hits, np.full(len(hits), 2.0), np.full(len(hits), 3.0))
+        table, centres, hits, _ = measure(scan, CONES)
+        ahead = np.abs(np.arctan2(centres[:, 1], centres[:, 0])) < 0.09
+        cone = int(np.argmax(np.where(ahead, hits, 0.0))) if ahead.any() else -1
+        for k, row in enumerate(table):
+            yield row, name, "cone" if k == cone else "wide background"
 
 
-def together(parts: Sequence[Samples]) -> Samples:
-    names = ("table", "hits", "importance", "kind")
-    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+def simulated(text: str) -> Iterator[Row]:
+    """Teammates and posts of a scenario, and what else is seen there."""
+    scenario = parse_scenario(text)
+    chunks, path, arena = record(scenario)
+    for scan in decode(chunks):
+        if not path.end >= scan.time > scan.times[0] > 0.0:
+            continue
+        table, centres, _, times = measure(scan, LIDAR, path)
+        for row, centre, when in zip(table, centres, times, strict=True):
+            nearest = np.hypot(*(things(arena, float(when), scan.time) - centre).T).min()
+            kind = "simulated" if nearest < FOUND_M else "simulated background"
+            yield row, scenario.name, kind
 
 
-def fit(samples: Samples) -> tuple[FloatArray, float]:
-    """Weights (f,) and constant of the logistic model."""
-    turret = samples.kind > 0.0
-    weight = samples.importance.copy()
-    for which in (turret, ~turret):
-        weight[which] /= weight[which].sum()
-    scale = samples.table.std(axis=0) + 1e-9
-    table = np.column_stack((samples.table / scale, np.ones(len(turret))))
-    sign = np.where(turret, 1.0, -1.0)
+def things(arena: Arena, when: float, end: float) -> FloatArray:
+    """Where teammates and posts (n, 2) were at time `when`, in the robot frame at `end`."""
+    then, now = arena.poses(np.array([when, end]))
+    others = np.delete(then[:, :2], OBSERVER, axis=0)
+    return to_frame(np.concatenate((others, arena.posts)), now[OBSERVER])
+
+
+def gather(folder: File) -> tuple[Segments, dict[str, int]]:
+    """All segments, and the number of revolutions of each recorded room."""
+    recordings = {name: room(folder / "x4_rooms" / f"{name}.csv.gz") for name in ("office", "flat")}
+    recordings["cones"] = yard(folder / "x4_cones")
+    rows = [row for name, scans in recordings.items() for row in recorded(name, scans)]
+    rows += cones("cones", recordings["cones"])
+    rows += [row for text in SIMULATED for row in simulated(text)]
+    table, rooms, kinds = zip(*rows, strict=True)
+    revolutions = {name: len(scans) for name, scans in recordings.items()}
+    return Segments(np.array(table), np.array(rooms), np.array(kinds)), revolutions
+
+
+def fit(segments: Segments) -> tuple[FloatArray, float, float]:
+    """Weights (f,) and constant of the logistic model, and the least score of a candidate."""
+    scale = segments.table.std(axis=0) + 1e-9
+    table = np.column_stack((segments.table / scale, np.ones(len(segments.kind))))
+    sign = np.where(segments.is_turret, 1.0, -1.0)
+    weight = segments.weights
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
         margin = sign * (table @ parameters)
@@ -130,30 +173,21 @@ def fit(samples: Samples) -> tuple[FloatArray, float]:
         value = weight @ np.logaddexp(0.0, -margin) + 0.5 * float(ridge @ parameters)
         return value, ridge - wrong @ table
 
-    found = minimize(loss, np.zeros(table.shape[1]), jac=True, method="L-BFGS-B")
-    return found.x[:-1] / scale, float(found.x[-1])
+    found = minimize(loss, np.zeros(table.shape[1]), jac=True, method="L-BFGS-B").x
+    plain = np.isin(segments.kind, ("plain", "wall"))
+    least = np.quantile((table @ found)[plain], 1.0 - KEPT)
+    return found[:-1] / scale, float(found[-1]), float(least)
 
 
-def least_scores(samples: Samples, score: FloatArray) -> FloatArray:
-    """The least score at each of HITS that keeps the shares of turrets."""
-    least = []
-    for low, high in NEIGHBOURHOODS:
-        near = (samples.hits >= low) & (samples.hits <= high)
-        bounds = [
-            float(np.quantile(score[near & (samples.kind == kind)], 1.0 - kept))
-            for kind, (kept, enough) in KEPT.items()
-            if np.count_nonzero(near & (samples.kind == kind)) > enough
-        ]
-        least.append(min(bounds, default=ENOUGH))
-    return np.minimum(least, ENOUGH)
-
-
-def report(name: str, samples: Samples, kept: BoolArray, revolutions: int) -> str:
-    def share(kind: float) -> str:
-        return f"{kept[samples.kind == kind].mean():7.1%}"
-
-    false = np.count_nonzero(kept & (samples.kind == 0.0)) / revolutions
-    return f"{name:8}{false:6.2f} candidates a revolution; kept {share(1.0)}, hidden {share(2.0)}"
+def report(segments: Segments, kept: BoolArray, revolutions: int) -> str:
+    """Candidates a revolution where no turret is, and how many of the turrets are kept."""
+    false = np.count_nonzero(kept & (segments.kind == "background")) / revolutions
+    shares = [
+        f"{kind} {kept[segments.kind == kind].mean():.1%}"
+        for kind in ("plain", "wall", "hidden", "cone")
+        if np.any(segments.kind == kind)
+    ]
+    return f"{false:5.2f} candidates a revolution; kept: {', '.join(shares)}"
 
 
 def main() -> int:
@@ -161,22 +195,17 @@ def main() -> int:
     if not folder:
         print("SWARMLOC_DATA names no folder of recorded data")
         return 2
-    rooms = File(folder) / "x4_rooms"
-    recordings = {name: room(rooms / f"{name}.csv.gz") for name in ("office", "flat")}
-    recordings["cones"] = yard(File(folder) / "x4_cones")[::2]
-    parts = [gather(scans[: len(scans) // 2], seed=1) for scans in recordings.values()]
-    known = together([*parts, gather_cones(recordings["cones"][::2])])
-    weights, constant = fit(known)
-    least = least_scores(known, known.table @ weights + constant)
+    segments, revolutions = gather(File(folder))
+    weights, constant, least = fit(segments)
     for name, weight in zip(FEATURES, weights, strict=True):
         print(f'    "{name}": {weight:.3f},')
-    print(f"CONSTANT = {constant:.3f}\nLEAST_SCORES = np.array({np.round(least, 2).tolist()})")
-    for name, scans in recordings.items():
-        unseen = scans[len(scans) // 2 :]
-        samples = gather(unseen, seed=2)
-        score = samples.table @ weights + constant
-        kept = score > np.interp(samples.hits, HITS, least)
-        print(report(name, samples, kept, len(unseen)))
+    print(f"CONSTANT = {constant:.3f}\nLEAST_SCORE = {least:.2f}")
+    for name, count in revolutions.items():
+        here = segments.room == name
+        others = fit(segments.of(~here))
+        for fitted, words in ((others, "fitted to others"), ((weights, constant, least), "to all")):
+            kept = segments.of(here).table @ fitted[0] + fitted[1] > fitted[2]
+            print(f"{name:7}{words:17}{report(segments.of(here), kept, count)}")
     return 0
 
 

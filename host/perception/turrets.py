@@ -13,9 +13,9 @@ import numpy as np
 from host.config import Lidar
 from host.geometry import SECTORS, Path, sector
 from host.messages import BoolArray, FloatArray, Positions, Scan
-from host.perception.turret_fit import fit_circles
-from host.perception.turret_score import convincing, scores
-from host.perception.turret_segments import place, returns, small_segments
+from host.perception.turret_fit import fit_circles, members
+from host.perception.turret_score import LEAST_SCORE, scores
+from host.perception.turret_segments import Returns, Segments, place, returns, small_segments
 
 _FEWEST = 3  # returns: fewer show nothing
 
@@ -36,16 +36,34 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     segments = small_segments(seen, lidar)
     circles = fit_circles(seen, segments, lidar)
     score = scores(seen, segments, circles, lidar.target_diameter_m)
-    kept = np.flatnonzero(convincing(score, segments.sizes))
-    ends = seen.times[segments.first[kept]] + seen.times[segments.last[kept]]
+    kept = np.flatnonzero(score > LEAST_SCORE)
+    kept = kept[_distinct(circles.centres[kept], score[kept], lidar.target_diameter_m)]
+    lags = np.maximum(scan.time - _mean_times(seen, segments)[kept], 0.0)
     return Positions(
         scan.time,
         circles.centres[kept],
         circles.covariances[kept],
-        np.maximum(scan.time - 0.5 * ends, 0.0),
+        lags,
         clearance,
         scores=score[kept],
     )
+
+
+def _distinct(centres: FloatArray, score: FloatArray, diameter: float) -> BoolArray:
+    """Which of the candidates (k,) have no better one so near that it must be the same turret.
+
+    A robot that rotates with the beam sees at the end of a revolution again what it began with.
+    """
+    apart = np.hypot(*np.moveaxis(centres[:, None] - centres, 2, 0))
+    better = score > score[:, None]
+    return np.asarray(~np.any((apart < diameter) & better, axis=1))
+
+
+def _mean_times(seen: Returns, segments: Segments) -> FloatArray:
+    """When each segment was seen (k,) s; some of its returns may be the first, others the last."""
+    member, group = members(segments)
+    sums = np.bincount(group, seen.times[member], len(segments.first))
+    return np.asarray(sums / segments.sizes)
 
 
 def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:

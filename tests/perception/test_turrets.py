@@ -139,6 +139,22 @@ def test_a_turn_taken_while_driving_shows_the_same(
         assert scan.time - lag - 1.0 == pytest.approx(passed, abs=0.001)
 
 
+@pytest.mark.parametrize("distance", [0.4, 1.0, 1.8])
+@pytest.mark.parametrize("spin", [-4.0, -1.5, 1.5])
+def test_a_turret_where_the_revolution_begins_and_ends_is_one(distance: float, spin: float) -> None:
+    drive, mounting = Drive(0.1, spin), (0.0, 0.0, 0.0)
+    place = polar(distance, 0.0)
+    for off in np.linspace(-0.8, 0.8, 65):
+        first_angle = off - spin  # in the robot's frame, which has rotated for one second
+        scan = take_turn(Scene([turret(place)], ROOM), drive, mounting, first_angle, start=1.0)
+        found = find(scan, path=drive.path(1.3))
+        assert len(found.positions) <= 1, f"first angle {first_angle}"
+        if spin < 0.0:  # with the beam: no bearing is left out
+            assert len(found.positions) == 1, f"first angle {first_angle}"
+        expected = drive.to_robot(place[None], scan.time)
+        assert np.hypot(*(found.positions - expected).T) == pytest.approx(0.0, abs=0.02)
+
+
 def test_the_mounting_is_applied() -> None:
     place = polar(1.2, 0.7)
     for mounting in ((0.1, 0.0, 0.0), (0.0, -0.06, 0.0), (0.0, 0.0, -1.1), (-0.08, 0.05, 3.0)):

@@ -27,9 +27,9 @@ STRAIGHT_AHEAD_RAD = np.radians(5.0)
     ("name", "least_found", "most_others"),
     [
         ("lidar_data_1m", 1.0, 0.1),
-        ("lidar_data_3m", 0.95, 0.1),
-        ("lidar_data_4.5m", 0.94, 0.1),
-        ("lidar_data_noisy_2m_1", 0.95, 2.0),
+        ("lidar_data_3m", 0.97, 0.1),
+        ("lidar_data_4.5m", 0.97, 0.1),
+        ("lidar_data_noisy_2m_1", 0.98, 1.0),
     ],
 )
 def test_the_cone_is_found_where_it_was_put(
@@ -52,7 +52,8 @@ def test_the_cone_is_found_where_it_was_put(
     assert len(others) > 80
     assert len(cones) >= least_found * len(others)
     assert np.mean(others) <= most_others
-    # A cone that stands still is as restless as its covariance says: 0.3 mm to 14 mm here.
+    # A cone that stands still is about as restless as its covariance says: 0.3 mm to 14 mm here.
+    # All bearings of a revolution wander by up to 3 mrad, more than the covariances allow for.
     spread = np.std(cones, axis=0) / np.mean(sigmas, axis=0)
     assert (spread > 0.3).all()
-    assert (spread < 1.6).all()
+    assert (spread < 1.7).all()
