@@ -55,7 +55,7 @@ class PmbFilter:
         lidar, camera = lidar or Lidar(), camera or Cameras()
         self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
         self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
-        self._width = lidar.target_diameter_m
+        self._width, self._reach_m = lidar.target_diameter_m, lidar.max_range_m
         # Weights are the probability that the thing is there and in that mode.
         self._rows = np.zeros((ROWS, MODES, 0))
         self._tracks = np.zeros((3, 0))
@@ -116,7 +116,7 @@ class PmbFilter:
         self._bear(measured, noise, new * birth, new * known)
         sure = obstacles(self._rows)
         sure = sure[:, sure[TOTAL] > _SURE]
-        self._world.learn(sure, remembered, float(new_share(elapsed, _SCANS_S)))
+        self._world.learn(sure, remembered, elapsed)
 
     def _lidar_detection(self, whole: FloatArray, measured: FloatArray | None) -> FloatArray:
         """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
@@ -124,9 +124,13 @@ class PmbFilter:
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
     def _remembered_detection(self, measured: FloatArray | None) -> FloatArray:
-        """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance."""
-        seen = self._surroundings(self._world.rows, measured)
-        return self._lidar.detection(*seen, measured is not None)
+        """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance.
+
+        Beyond the lidar's reach, where nothing is looked for, a miss says nothing.
+        """
+        bearing, distance, clearance = self._surroundings(self._world.rows, measured)
+        detected = self._lidar.detection(bearing, distance, clearance, measured is not None)
+        return detected * (distance < self._reach_m)
 
     def _bear(
         self, measured: Positions, noise: FloatArray, existence: FloatArray, known: FloatArray

@@ -1,9 +1,9 @@
 """The static world: obstacles that the filter is sure of, remembered while they are out of view.
 
-They are the part of the unknown that is known best: in the intensity of things which no Bernoulli
-stands for (Williams 2015, sec. II-D), each is a narrow peak of obstacles. So what is seen where an
-obstacle was, is that obstacle again. They are kept in the robot's frame and carried by the
-odometry, whose noise widens them; one that is not where it must be seen is forgotten.
+Those for which no Bernoulli stands any more are the part of the unknown that is known best: in the
+intensity of unknown things (Williams 2015, sec. II-D) each is a narrow peak of obstacles. So what
+is seen where an obstacle was, is that obstacle again. They are kept in the robot's frame and
+carried by the odometry, whose noise widens them.
 """
 
 import math
@@ -23,7 +23,9 @@ from host.estimator.gaussian_mixture import (
 )
 from host.messages import Displacement, FloatArray, IntArray, Positions
 
-_REMEMBERED_S = 300.0  # mean time before one that is out of view is no longer believed in
+# Mean times before an obstacle is no longer believed in: out of view, and where it should be seen.
+# The latter is longer than a teammate's, for some are thin and seldom found.
+_REMEMBERED_S, _DOUBTED_S = 300.0, 1.0
 _LOST_M2 = 0.5**2  # variance per axis beyond which nothing can be found again
 _IN_VIEW = 0.5  # from this P_D on a miss speaks against an obstacle; less is no plain view
 _BELIEVED = 0.5
@@ -38,6 +40,7 @@ class StaticWorld:
     def __init__(self, gate: float) -> None:
         self._gate = gate
         self.rows = np.zeros((ROWS, 0))
+        self._alone = np.zeros(0, dtype=bool)  # for which no Bernoulli stands
 
     def predict(self, motion: Displacement) -> None:
         """Carry all into the robot's new frame; what is known too badly there is forgotten."""
@@ -45,17 +48,20 @@ class StaticWorld:
             return
         predict_mixture(self.rows, motion, 0.0)
         self.rows[WEIGHT] *= math.exp(-motion.interval / _REMEMBERED_S)
-        known = self.rows[PXX] + self.rows[PYY] < 2.0 * _LOST_M2
-        self.rows = self.rows[:, known & (self.rows[WEIGHT] > 0.5 * _BELIEVED)]
+        kept = self.rows[PXX] + self.rows[PYY] < 2.0 * _LOST_M2
+        kept &= self.rows[WEIGHT] > 0.5 * _BELIEVED
+        self.rows, self._alone = self.rows[:, kept], self._alone[kept]
 
     def intensity(self, measured: Positions, noise: FloatArray, detected: FloatArray) -> FloatArray:
-        """Expected readings (m,) of remembered obstacles, 1/m², at the places that were read.
+        """Expected readings (m,) of obstacles for which no Bernoulli stands, 1/m², where read.
 
         noise (m, 2, 2) m²; detected (k,): P_D of each obstacle.
         """
-        i, j = gated_pairs(self.rows, measured.positions, noise, self._gate)
+        alone = self._alone.nonzero()[0]
+        i, j = gated_pairs(self.rows.take(alone, 1), measured.positions, noise, self._gate)
         if not len(i):
             return np.zeros(len(measured.positions))
+        i = alone.take(i)
         entries = noise.reshape(-1, 4).T.take((0, 1, 3), axis=0)
         _, likelihood = update_by_positions(
             self.rows.take(i, axis=1), measured.positions.T.take(j, axis=1), entries.take(j, axis=1)
@@ -63,20 +69,22 @@ class StaticWorld:
         found = detected.take(i) * self.rows[WEIGHT].take(i) * likelihood
         return np.asarray(np.bincount(j, found, len(measured.positions)))
 
-    def learn(self, obstacles: FloatArray, detected: FloatArray, share: float) -> None:
+    def learn(self, obstacles: FloatArray, detected: FloatArray, elapsed: float) -> None:
         """Remember the obstacles (6, n) of which the filter is sure now, each where it is now.
 
-        detected (k,): P_D of those remembered; share: of independent evidence in a miss.
+        A Bernoulli stands for each of these.
+
+        detected (k,): P_D of those remembered; elapsed: s since the scan before.
         """
         if not self.rows.shape[1] + obstacles.shape[1]:
             return
         again = self._seen_again(obstacles)
-        missed = np.where(detected > _IN_VIEW, (1.0 - detected) ** share, 1.0)
-        self.rows[WEIGHT] *= missed
+        self.rows[WEIGHT] *= np.exp(-(elapsed / _DOUBTED_S) * (detected > _IN_VIEW))
         unseen = np.delete(self.rows, again, axis=1)
         learnt = obstacles.copy()
         learnt[WEIGHT] = 1.0
         self.rows = np.concatenate((unseen, learnt), axis=1)
+        self._alone = np.arange(self.rows.shape[1]) < unseen.shape[1]
 
     def _seen_again(self, obstacles: FloatArray) -> IntArray:
         """Which of those remembered are among the obstacles: both are each other's nearest."""

@@ -260,14 +260,13 @@ def test_whatever_comes_probabilities_and_covariances_are_sound(seed, ranges):
 
 def test_an_obstacle_is_reported_as_such_and_known_again_after_a_tour():
     """A post that is out of the lidar's reach for most of a drive along a circle."""
-    run = Run()
-    post = np.array([[0.6, 0.8]])
+    run = Run(lidar=Lidar(blind_sectors=()))
+    post, pose = np.array([[0.6, 0.8]]), np.zeros(3)
     for _ in range(30):
         estimate = run.scan(post)
         run.image([])
     assert len(estimate.positions) == 0
     assert estimate.obstacles == pytest.approx(post, abs=0.01)
-    pose = np.zeros(3)
     for _ in range(200):
         turn = math.tau / 200
         step = Displacement(run.time, 1 / RATE_HZ, 3.0 * turn, 0.0, turn, 1e-6, 1e-6)
@@ -276,11 +275,12 @@ def test_an_obstacle_is_reported_as_such_and_known_again_after_a_tour():
         run.filter.predict(step)
         run.time += step.interval
         there = to_frame(post, pose)
-        near = np.linalg.norm(there) < 2.4
-        readings = there if near else np.zeros((0, 2))
-        estimate = run.scan(readings, interval=0.0)
+        near = np.linalg.norm(there) < 2.4  # before its reach ends
+        estimate = run.scan(there if near else np.zeros((0, 2)), interval=0.0)
         assert len(estimate.positions) == 0
         errors = np.linalg.norm(estimate.obstacles - there, axis=1)
         assert len(errors) == 1
         assert errors[0] < 0.2
+        # Nothing is there twice, neither while it is seen nor when it is found again.
+        assert run.filter._rows[WEIGHT].sum() < 1.1
     assert estimate.obstacle_covariances[0].trace() < 0.01

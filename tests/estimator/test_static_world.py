@@ -66,6 +66,8 @@ def test_expected_readings_are_the_sum_of_their_gaussians() -> None:
     places = random.uniform(-1, 1, (9, 2))
     world = world_of(*map(tuple, places), variance=0.02)
     world.rows[PXY] = 0.008
+    assert np.all(world.intensity(*readings(places), np.ones(9)) == 0.0)  # Bernoullis stand for all
+    world.learn(obstacles(), np.zeros(9), 1.0)
     detected = random.uniform(0.2, 0.9, 9)
     measured, noise = readings(places[:5] + random.uniform(-0.1, 0.1, (5, 2)))
     spread = np.array([[0.02, 0.008], [0.008, 0.02]]) + NOISE_M2 * np.eye(2)
@@ -99,7 +101,7 @@ def test_what_is_seen_again_is_not_remembered_twice() -> None:
 def test_one_that_is_not_where_it_must_be_seen_is_given_up_and_a_hidden_one_is_not() -> None:
     world = world_of((1.0, 0.0), (0.0, 1.0))
     for _ in range(10):
-        world.learn(np.zeros((ROWS, 0)), np.array([0.9, 0.3]), 0.5)
+        world.learn(np.zeros((ROWS, 0)), np.array([0.9, 0.3]), 1 / 7)
         world.predict(forward())
         if world.rows.shape[1] == 1:
             break
