@@ -138,15 +138,16 @@ function drawTruth({x, y}) { circle(toPixel([x, y]), Math.max(5, .055 * view.sca
 function drawTeammate(each) {
   const place = toPixel([each.x, each.y]);
   const [major, minor] = each.sigmas.map(sigma => Math.max(2 * sigma * view.scale, 2));
+  const angle = -Math.PI / 2 - each.angle - turn();
   pen.globalAlpha = each.age > OLD_S ? .4 : 1;
   pen.beginPath();
-  pen.ellipse(...place, major, minor, -Math.PI / 2 - each.angle - turn(), 0, 2 * Math.PI);
+  pen.ellipse(...place, major, minor, angle, 0, 2 * Math.PI);
   pen.fillStyle = colours.teammate;
   const alpha = pen.globalAlpha; pen.globalAlpha *= .18; pen.fill(); pen.globalAlpha = alpha;
   stroke("teammate", 1.5);
   circle(place, 3); pen.fill();
   pen.globalAlpha = 1;
-  words(each.label + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m", [place[0] + major + 4, place[1] - 4], "ink");
+  words(each.label + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m", [place[0] + Math.hypot(major * Math.cos(angle), minor * Math.sin(angle)) + 4, place[1] - 4], "ink");
 }
 function drawRobot() {
   const corners = [[.1, 0], [-.07, .07], [-.04, 0], [-.07, -.07]].map(toPixel);
