@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from host.config import RobotConfig
 from host.errors import UserError
@@ -250,3 +252,53 @@ def test_what_does_not_fit_is_said(text: str, words: str) -> None:
     with pytest.raises(UserError, match=words) as caught:
         Arena(parse_scenario(text))
     assert caught.value.next_step
+
+
+@given(
+    st.integers(0, 9),
+    st.integers(0, 3),
+    st.integers(0, 6),
+    st.floats(2.5, 9.0),
+    st.sampled_from([0.0, 0.2, 0.4]),
+    st.integers(0, 2),
+    st.floats(0.0, 2.0),
+    st.integers(0, 1000),
+)
+@settings(max_examples=30, deadline=None)
+def test_whatever_the_layout_nothing_overlaps(
+    chairs: int,
+    tables: int,
+    boxes: int,
+    side_m: float,
+    pair_m: float,
+    standing: int,
+    speed_mps: float,
+    seed: int,
+) -> None:
+    scenario = replace(
+        parse_scenario("arena4"),
+        chairs=chairs,
+        tables=tables,
+        boxes=boxes,
+        side_m=side_m,
+        pair_m=pair_m,
+        standing=standing,
+        speed_mps=speed_mps,
+        seed=seed,
+    )
+    try:
+        arena = Arena(scenario)
+    except UserError:  # it is too full
+        return
+    poses = arena.poses(np.arange(0.0, 8.0, ARENA_STEP_S))
+    places = poses[:, :, :2].reshape(-1, 2)
+    reach = BODY_RADIUS_M - 1e-9
+    assert np.abs(places).max() <= side_m / 2 - reach
+    closed = nearest_points(arena.furniture.closed, places) - places[:, None]
+    assert np.hypot(closed[..., 0], closed[..., 1]).min(initial=9.0) >= reach
+    legs = np.linalg.norm(places[:, None] - arena.furniture.legs, axis=2)
+    assert np.min(legs - arena.furniture.leg_radii, initial=9.0) >= reach
+    for one, other in itertools.combinations(range(4), 2):
+        if pair_m == 0.0 or (one, other) != (1, 2):
+            apart = np.linalg.norm(poses[:, one, :2] - poses[:, other, :2], axis=1)
+            assert apart.min() >= 2 * reach
