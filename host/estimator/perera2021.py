@@ -1,21 +1,24 @@
-"""The filter of Perera 2021, equations 7–30 as printed, with the repairs they force.
+"""The filter of Perera 2021, equations 7–30, as its author ran it.
 
-It stands beside `phd` to show what the thesis' filter does on the same data. As printed: survival
-per update whatever its length (9, 10), birth on the observer at every update (11), no clutter (6),
-the component's covariance where the innovation's belongs (15, 27), the range curves (19, 30), no
-merging. Reported is what weighs more than 0.1 (ch. 6).
+It stands beside `pmb` and `phd` to show what the thesis' filter does on the same data. As printed:
+survival per update whatever its length (9, 10), birth on the observer at every update (11), no
+clutter (6), the range curves (19, 30). Reported is what weighs more than 0.1 (ch. 6). What the
+thesis leaves open is as in its author's public code (github.com/thiw1ka/
+PHD_based_relative_localization): system noise, merging, pruning.
 
-Forced repairs, without which it cannot run at all:
+Repairs (docs/filters.md gives their reasons):
  1. eq. 7–8: R(dpsi) is right for the clockwise dpsi of eq. 32; ours is counter-clockwise.
- 2. eq. 8: Q is not given; 5 cm per axis at each update, as R of eq. 17 (docs/filters.md).
- 3. eq. 15, 27: divided by the sum that eq. 6 has below the line; else weights grow without end.
+ 2. eq. 8: Q is not given; 0.01 m² per axis at 20 updates a second, by time.
+ 3. eq. 15, 27: the innovation's covariance S where the component's stands, and divided by the sum
+    that eq. 6 has below the line.
  4. eq. 20–22: products over the pillars and robots where sums are printed (a sum of four gives
     P_D near 4; an empty one gives 0); eq. 23: the nearest null direction instead of a sum;
     kernels of unit peak; angles wrapped; weights at most 1; 2c² inside the exponent.
  5. eq. 25, 28: the innovation is the wrapped angle, H = (-y, x)/r², R = (5 deg)²; the newborn
     component on the observer has no bearing and is left out.
  6. P_D at most 0.98, so that no weight is lost at one miss.
- 7. pruning below 0.0015 ("the birth is pruned at once"), at most 400 components: neither is given.
+ 7. pruning below 0.001, then merging: from the heaviest on, each takes along what is within a
+    Mahalanobis distance of 2 by its covariance, by matching moments.
 """
 
 import math
@@ -32,6 +35,7 @@ from host.estimator.gaussian_mixture import (
     WEIGHT,
     X,
     Y,
+    match_moments,
     predict_mixture,
     update_by_bearings,
     update_by_positions,
@@ -39,15 +43,15 @@ from host.estimator.gaussian_mixture import (
 from host.estimator.sensor_models import in_view
 from host.geometry import SECTORS, wrap
 from host.message_checks import check
-from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
+from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
-_SYSTEM_NOISE_M2 = 0.05**2
+_SYSTEM_NOISE_M2_PER_S = 0.01 * 20.0
 _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT = 4.0, 0.001  # eq. 11
 _LIDAR_VARIANCE_M2 = 0.0025  # eq. 17
 _BEARING_VARIANCE_RAD2 = math.radians(5.0) ** 2  # eq. 28
 _OCCLUSION_RAD = math.radians(3.0)  # eq. 22
 _INTERFERENCE_RAD = math.radians(3.0)  # c of eq. 23
-_PRUNE_WEIGHT, _CAPACITY = 0.0015, 400
+_PRUNE_WEIGHT, _MERGE_DISTANCE = 0.001, 2.0
 _REPORT_WEIGHT = 0.1
 _EVERYTHING = 1e6  # no gate
 
@@ -70,7 +74,7 @@ class Perera2021Filter:
         self._time = motion.time
         distance = np.hypot(rows[X], rows[Y])
         rows[WEIGHT] /= 1.05 + _exp(4.0 * (distance - 4.0))  # eq. 9, 10
-        predict_mixture(rows, motion, _SYSTEM_NOISE_M2)
+        predict_mixture(rows, motion, _SYSTEM_NOISE_M2_PER_S * motion.interval)
         birth = np.zeros((ROWS, 1))
         birth[[PXX, PYY]], birth[WEIGHT] = _BIRTH_VARIANCE_M2, _BIRTH_WEIGHT
         self._rows = np.concatenate((rows, birth), axis=1)
@@ -91,8 +95,7 @@ class Perera2021Filter:
             i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
             positions = measurement.positions[j].T
             lidar_noise = _LIDAR_VARIANCE_M2 * np.array([[1.0], [0.0], [1.0]])
-            updated, _ = update_by_positions(rows.take(i, axis=1), positions, lidar_noise)
-            density = _position_density(rows.take(i, axis=1), positions)
+            updated, density = update_by_positions(rows.take(i, axis=1), positions, lidar_noise)
         else:
             m = len(measurement.bearings)
             detected = hidden / (1.1 + _exp(5.0 * (distance - 4.0)))  # eq. 29, 30
@@ -101,24 +104,24 @@ class Perera2021Filter:
             as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
             pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
             i, j, updated = pairs.component, pairs.reading, pairs.updated
-            density = _bearing_density(
-                rows.take(i, axis=1), measurement.bearings[j], measurement.origin
-            )
+            density = pairs.likelihood
         detected = np.clip(detected, 0.0, 0.98)
         updated[WEIGHT] *= detected[i] * density
         total = np.bincount(j, updated[WEIGHT], m)
         updated[WEIGHT] /= np.maximum(total[j], 1e-300)
         rows[WEIGHT] *= 1.0 - detected
-        self._prune(updated)
+        self._reduce(updated)
 
-    def _prune(self, updated: FloatArray) -> None:
-        """Keep what weighs enough of the missed and the updated components (repair 7)."""
+    def _reduce(self, updated: FloatArray) -> None:
+        """Merge what is missed and updated, from the heaviest on, and keep what weighs enough."""
         rows = np.concatenate((self._rows, updated), axis=1)
         seen = np.concatenate((self._seen, np.full(updated.shape[1], self._time)))
-        keep = np.flatnonzero(rows[WEIGHT] > _PRUNE_WEIGHT)
-        if len(keep) > _CAPACITY:
-            keep = keep[np.argsort(-rows[WEIGHT, keep], kind="stable")[:_CAPACITY]]
-        self._rows, self._seen = rows.take(keep, axis=1), seen[keep]
+        kept = np.flatnonzero(rows[WEIGHT] > _PRUNE_WEIGHT)
+        rows, seen = rows.take(kept, axis=1), seen[kept]
+        into, leaders = _groups(rows)
+        self._rows = match_moments(rows, into, rows[: Y + 1, leaders])
+        self._seen = np.full(len(leaders), -math.inf)
+        np.maximum.at(self._seen, into, seen)
 
     def _blind(self, bearing: FloatArray) -> FloatArray:
         """Eq. 20: the pillars of the camera holder."""
@@ -162,23 +165,18 @@ def _interference(bearing: FloatArray, clearance: FloatArray) -> FloatArray:
     return np.asarray(1.0 - 0.6 * np.exp(-0.5 * (nearest / _INTERFERENCE_RAD) ** 2))
 
 
-def _position_density(rows: FloatArray, positions: FloatArray) -> FloatArray:
-    """N(l; m, p) of eq. 15 for pairs (ROWS, p), (2, p): with the component's own covariance."""
-    x, y, pxx, pxy, pyy = rows[: PYY + 1]
-    dx, dy = positions[0] - x, positions[1] - y
-    determinant = pxx * pyy - pxy * pxy
-    square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / determinant
-    return np.asarray(np.exp(-0.5 * square) / (2.0 * math.pi * np.sqrt(determinant)))
+def _groups(rows: FloatArray) -> tuple[IntArray, IntArray]:
+    """Which group each component (n,) merges into, and the heaviest (k,) of every group.
 
-
-def _bearing_density(
-    rows: FloatArray, bearings: FloatArray, origin: tuple[float, float]
-) -> FloatArray:
-    """N(c; h(m), H p H^T) of eq. 27 for pairs (ROWS, p), (p,): the component's own variance."""
-    x, y, pxx, pxy, pyy = rows[: PYY + 1]
-    dx, dy = x - origin[0], y - origin[1]
-    square = np.maximum(dx * dx + dy * dy, 1e-6)
-    variance = (pxx * dy * dy - 2.0 * pxy * dx * dy + pyy * dx * dx) / (square * square)
-    variance = np.maximum(variance, 1e-12)
-    offset = wrap(bearings - np.arctan2(dy, dx))
-    return np.asarray(np.exp(-0.5 * offset**2 / variance) / np.sqrt(2.0 * math.pi * variance))
+    From the heaviest on, each takes along what is left within _MERGE_DISTANCE by its covariance.
+    """
+    into, leaders = np.full(rows.shape[1], -1), []
+    for heaviest in np.argsort(-rows[WEIGHT], kind="stable"):
+        if into[heaviest] >= 0:
+            continue
+        dx, dy = rows[: Y + 1] - rows[: Y + 1, heaviest, None]
+        pxx, pxy, pyy = rows[PXX : PYY + 1, heaviest]
+        square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / (pxx * pyy - pxy * pxy)
+        into[(into < 0) & (square <= _MERGE_DISTANCE**2)] = len(leaders)
+        leaders.append(heaviest)
+    return into, np.array(leaders, dtype=np.int64)
