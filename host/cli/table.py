@@ -17,14 +17,15 @@ _FIGURES = {
     "time_over_30cm": (">30cm%", 6, 1),
     "rmse_m": ("RMSE m", 6, 3),
     "p67_m": ("p67 m", 5, 3),
+    "label_changes": ("label", 5, 1),
     "anees": ("ANEES", 5, 2),
     "update_ms_median": ("ms", 5, 2),
-    "update_ms_p99": ("p99", 5, 2),
 }
 _LEGEND = """\
 missed, false: per scan. stray: estimates over 30 cm from every teammate, per scan, at any range.
->30cm: teammates whose nearest estimate is further. ANEES: 1 is consistent, more is overconfident.
-ms, p99: one predict and update. ratio: of GOSPA to clairvoyant's."""
+>30cm: teammates whose nearest estimate is further. label: its changes per teammate and
+minute. ANEES: 1 is consistent, more is overconfident. ms: one predict and update. ratio: of GOSPA
+to clairvoyant's."""
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from host.evaluation.metrics import CUT_OFF_M, OVER_M, Instant, gospa_pairs, nearest
+from host.evaluation.metrics import OVER_M, Instant, nearest
 from host.geometry import wrap
 from host.messages import FloatArray, IntArray
 
@@ -130,26 +130,6 @@ def over_angle(found: PairErrors) -> Bins:
     shifted = wrap(found.bearings + 0.5 * ANGLE_BIN_RAD)
     bins = rms_in_bins(shifted, found.errors, ANGLE_BIN_RAD)
     return bins._replace(middles=bins.middles - 0.5 * ANGLE_BIN_RAD)
-
-
-def label_changes(instants: Sequence[Instant], c: float = CUT_OFF_M) -> tuple[int, float]:
-    """How often a robot's label changed, and for how long robots were in range in all, s.
-
-    A robot's label is that of the estimate it is matched with, in GOSPA's matching with cut-off c;
-    time without a match changes nothing, and a later label is compared with the last one.
-    """
-    last: dict[int, int] = {}
-    changes, seconds, before = 0, 0.0, math.nan
-    for at in instants:
-        who = at.truth.identities[at.wanted]
-        i, j = gospa_pairs(at.truth.positions[at.wanted], at.estimate.positions, 2.0, c)
-        for robot, label in zip(who[i].tolist(), at.estimate.labels[j].tolist(), strict=True):
-            changes += int(last.get(robot, label) != label)
-            last[robot] = label
-        if not math.isnan(before):
-            seconds += (at.estimate.time - before) * len(who)
-        before = at.estimate.time
-    return changes, seconds
 
 
 _NOBODY = np.zeros(0, dtype=np.int64)

@@ -6,7 +6,7 @@ everywhere, so it stands beside the counts of false estimates: `false` as GOSPA 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -63,6 +63,7 @@ class Row:
     rmse_m: float  # root mean square distance of matched pairs, m
     p67_m: float  # 67th percentile of the distance of matched pairs, m (Belaroussi)
     cardinality_error: float  # matched + false - teammates, signed, per instant
+    label_changes: float  # of a teammate's label, per teammate and minute in range
     anees: float  # mean over matched pairs of e^T P^-1 e / 2: 1 consistent, more = overconfident
     update_ms_median: float  # one predict and update of the filter, ms
     update_ms_p99: float  # its 99th percentile, ms
@@ -203,10 +204,34 @@ class Accumulator:
             rmse_m=math.sqrt(_mean(distances**2)),
             p67_m=_percentile(distances, 67.0),
             cardinality_error=false - missed,
+            label_changes=label_changes(self.instants, self.c),
             anees=_mean(np.concatenate([*self._nees, np.zeros(0)])),
             update_ms_median=_percentile(update_ms, 50.0),
             update_ms_p99=_percentile(update_ms, 99.0),
         )
+
+
+def label_changes(instants: Sequence[Instant], c: float = CUT_OFF_M) -> float:
+    """How often a teammate's label changes, per teammate and minute in which it is to be reported.
+
+    Its label is that of the estimate it is matched with, in GOSPA's matching with cut-off c; time
+    without a match changes nothing, and a later label is compared with the last one. Where time
+    goes back another run begins. nan where no time is known.
+    """
+    last: dict[int, int] = {}
+    changes, seconds, before = 0, 0.0, math.inf
+    for at in instants:
+        if at.estimate.time < before:
+            last.clear()
+        else:
+            seconds += (at.estimate.time - before) * float(np.sum(at.wanted))
+        before = at.estimate.time
+        who = at.truth.identities[at.wanted]
+        i, j = gospa_pairs(at.truth.positions[at.wanted], at.estimate.positions, 2.0, c)
+        for teammate, label in zip(who[i].tolist(), at.estimate.labels[j].tolist(), strict=True):
+            changes += int(last.get(teammate, label) != label)
+            last[teammate] = label
+    return 60.0 * changes / seconds if seconds else math.nan
 
 
 def nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:

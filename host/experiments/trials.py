@@ -12,14 +12,18 @@ from typing import Any
 
 import tomlkit
 
+import host
 from host.config import FilterSettings, RobotConfig, parse_config
 from host.errors import UserError
 from host.evaluation import faults
+from host.evaluation.curves import gospa_over_time
+from host.evaluation.metrics import Instant
 from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT
 from host.recording.log import Recording
 from host.registry import SCENARIOS, load_plugin
 from host.sessions import evaluating, runs
 
+OVER_TIME_BIN_S = 2.5
 Settings = tuple[tuple[str, Any], ...]  # of robot.toml: (("filter.report_weight", 0.5), ...)
 Record = dict[str, Any]
 
@@ -51,9 +55,9 @@ class Trial:
         return with_settings(self.base(), self.settings)
 
     def key(self) -> str:
-        """What tells its record from others': also a setting whose default has changed since."""
+        """What tells its record from others': also the whole configuration, and the program."""
         dump = json.dumps(self.config().model_dump(mode="json"), sort_keys=True)
-        digest = hashlib.sha256(dump.encode()).hexdigest()[:12]
+        digest = hashlib.sha256((dump + _program()).encode()).hexdigest()[:12]
         return json.dumps([self.source, self.filter, self.sensors, dict(self.settings), digest])
 
 
@@ -80,22 +84,28 @@ def grid(
 
 
 def score(trial: Trial, plugins: Sequence[str] = ()) -> Record:
-    """Run a trial; its record is the row of `evaluate` with the settings and the key.
+    """Run a trial; its record is the row of `evaluate` with settings, key and GOSPA over time.
 
     plugins: loaded first, for another process. Raises UserError where the source is not there, too
     short, or without the sensors.
     """
     for plugin in plugins:
         load_plugin(plugin)
+    record = {"key": trial.key(), "settings": dict(trial.settings)}
     if evaluating.is_dataset(trial.source):
         row = evaluating.dataset_row(trial.source, trial.filter, trial.config())
-    else:
-        run = _run(trial)
-        scores = evaluating.scores_of(run, [trial.filter], [trial.sensors])
-        row = scores[trial.filter, trial.sensors].row(
-            trial.source, run.observer, trial.filter, trial.sensors
-        )
-    return {"key": trial.key(), "settings": dict(trial.settings), **row.as_json()}
+        return {**record, **row.as_json()}
+    run = _run(trial)
+    scores = evaluating.scores_of(run, [trial.filter], [trial.sensors])
+    found = scores[trial.filter, trial.sensors]
+    row = found.row(trial.source, run.observer, trial.filter, trial.sensors)
+    return {**record, **row.as_json(), "over_time": _over_time(found.instants)}
+
+
+def _over_time(instants: Sequence[Instant]) -> list[list[float]]:
+    """Mean GOSPA (m) of each bin of time, by its middle (s)."""
+    times, means = gospa_over_time(instants, OVER_TIME_BIN_S)
+    return [[float(t), round(float(m), 4)] for t, m in zip(times, means, strict=True)]
 
 
 def _run(trial: Trial) -> runs.Run:
@@ -108,6 +118,17 @@ def _run(trial: Trial) -> runs.Run:
 @functools.lru_cache(maxsize=2)
 def _load(source: str, config: RobotConfig) -> runs.Run:
     return runs.load_run(source, config)
+
+
+@functools.cache
+def _program() -> str:
+    """A digest of all that can change a score: the program without its screens and experiments."""
+    package = Path(host.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).parts[0] not in ("cli", "experiments"):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def with_settings(config: RobotConfig, settings: Settings) -> RobotConfig:

@@ -19,8 +19,8 @@ from host.sessions import runs
 COMMANDS = ("run", "flash", "simulate", "replay", "evaluate")
 KEYS = [
     *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
-    *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error", "anees"),
-    *("update_ms_median", "update_ms_p99"),
+    *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error"),
+    *("label_changes", "anees", "update_ms_median", "update_ms_p99"),
 ]
 SCENARIO = "arena4:seconds=7,seed=2"
 

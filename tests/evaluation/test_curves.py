@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from host.evaluation import curves
-from host.evaluation.metrics import Accumulator, Instant
+from host.evaluation.metrics import Accumulator, Instant, label_changes
 from host.messages import Estimate, Truth
 
 NOWHERE = np.zeros((0, 2))
@@ -161,4 +161,9 @@ def test_a_label_changes_when_the_next_match_has_another():
         an_instant(4.0, robots, [1, 2], near, labels=[5, 4]),  # as before
         an_instant(5.0, robots, [1, 2], near, labels=[6, 4]),
     ]
-    assert curves.label_changes(instants) == (3, 2 + 2 + 1 + 2 + 2)
+    seconds = 2 + 2 + 1 + 2 + 2
+    assert label_changes(instants) == pytest.approx(60 * 3 / seconds)
+    # Two runs, one after the other: the second's labels have nothing to do with the first's.
+    other = [an_instant(0.0, robots, [1, 2], near, labels=[8, 9]), *instants[1:]]
+    assert label_changes([*instants, *other]) == pytest.approx(60 * (3 + 3) / (2 * seconds))
+    assert math.isnan(label_changes(instants[:1]))

@@ -106,7 +106,8 @@ def test_a_row_computed_by_hand():
     assert row.seconds == pytest.approx(2.5)
     assert " ".join(row.as_json()) == (
         "source observer filter sensors seconds gospa_m localisation_m missed false "
-        "stray time_over_30cm rmse_m p67_m cardinality_error anees update_ms_median update_ms_p99"
+        "stray time_over_30cm rmse_m p67_m cardinality_error label_changes anees "
+        "update_ms_median update_ms_p99"
     )
 
 
