@@ -42,11 +42,14 @@ class Records:
         except OSError as error:
             raise _unusable(self._path, error) from error
 
-    def keep(self, trials: Iterable[Trial]) -> None:
-        """Write the file anew: the records of these trials in their order, and no others."""
-        kept = self.of(trials)
-        self._by_key = {record["key"]: record for record in kept}
-        self._write(kept)
+    def everything(self) -> list[Record]:
+        """Every record, in the file's order."""
+        return list(self._by_key.values())
+
+    def replace(self, records: Iterable[Record]) -> None:
+        """Write the file anew with these records and no others."""
+        self._by_key = {record["key"]: record for record in records}
+        self._write(self._by_key.values())
 
     def _read(self) -> str:
         try:

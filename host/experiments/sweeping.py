@@ -4,16 +4,18 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from host.errors import UserError
 from host.experiments.records import Records
-from host.experiments.trials import Trial, score
+from host.experiments.trials import Record, Trial, score
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _CONNECT_S = 10.0
+_TOGETHER = 8  # so many trials are lost at most by each core when a sweep is interrupted
 
 
 def sweep(
@@ -37,11 +39,43 @@ def sweep(
     with _client(scheduler, min(workers or len(missing), len(missing))) as client:
         from distributed import as_completed
 
-        futures = {client.submit(score, trial, plugins, pure=False): trial for trial in missing}
+        cores = sum(client.ncores().values())
+        futures = {
+            client.submit(_score_all, together, plugins, pure=False): together
+            for together in _chunks(missing, cores)
+        }
         for future in as_completed(futures):
-            records.add(future.result())
-            trial = futures[future]
-            done(f"{trial.source} {trial.filter} {trial.sensors}")
+            for trial, record in zip(futures[future], future.result(), strict=True):
+                _check_program(trial, record)
+                records.add(record)
+                done(f"{trial.source} {trial.filter} {trial.sensors}")
+
+
+def _chunks(trials: Sequence[Trial], cores: int) -> list[list[Trial]]:
+    """Trials of one source together, so that it is simulated once, where there are enough."""
+    chunks = [
+        list(together)
+        for _, of_source in groupby(trials, lambda trial: trial.source)
+        for together in _in_pieces(list(of_source))
+    ]
+    return chunks if len(chunks) >= 2 * cores else [[trial] for trial in trials]
+
+
+def _in_pieces(trials: list[Trial]) -> list[list[Trial]]:
+    return [trials[k : k + _TOGETHER] for k in range(0, len(trials), _TOGETHER)]
+
+
+def _score_all(trials: Sequence[Trial], plugins: Sequence[str]) -> list[Record]:
+    return [score(trial, plugins) for trial in trials]
+
+
+def _check_program(trial: Trial, record: Record) -> None:
+    if record["key"] != trial.key():
+        raise UserError(
+            "a worker's result cannot be kept",
+            "it runs another version of swarmloc than this computer",
+            "install this version where the workers are, and start them again",
+        )
 
 
 def check_installed() -> None:

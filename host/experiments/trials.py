@@ -10,15 +10,17 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
 import host
 from host.config import FilterSettings, RobotConfig, parse_config
 from host.errors import UserError
 from host.evaluation import faults
-from host.evaluation.curves import gospa_over_time
+from host.evaluation.curves import gospa_over_time, pair_errors
 from host.evaluation.metrics import Instant
 from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT
+from host.experiments.published import beside_published
 from host.recording.log import Recording
 from host.registry import SCENARIOS, load_plugin
 from host.sessions import evaluating, runs
@@ -99,13 +101,26 @@ def score(trial: Trial, plugins: Sequence[str] = ()) -> Record:
     scores = evaluating.scores_of(run, [trial.filter], [trial.sensors])
     found = scores[trial.filter, trial.sensors]
     row = found.row(trial.source, run.observer, trial.filter, trial.sensors)
-    return {**record, **row.as_json(), "over_time": _over_time(found.instants)}
+    return {**record, **row.as_json(), **_beyond_the_row(found.instants, trial.sensors)}
 
 
-def _over_time(instants: Sequence[Instant]) -> list[list[float]]:
-    """Mean GOSPA (m) of each bin of time, by its middle (s)."""
+def _beyond_the_row(instants: list[Instant], sensors: str) -> Record:
+    """What figures of several trials are drawn from.
+
+    pairs_rmse_m, pairs_p67_m: of pairs without a cut-off (Belaroussi 2024). over_time: mean GOSPA
+    (m) of each bin of time, by its middle (s). published: the thesis' numbers beside ours.
+    """
+    errors = pair_errors(instants).errors
     times, means = gospa_over_time(instants, OVER_TIME_BIN_S)
-    return [[float(t), round(float(m), 4)] for t, m in zip(times, means, strict=True)]
+    return {
+        "pairs_rmse_m": float(np.sqrt(np.mean(errors**2))) if len(errors) else None,
+        "pairs_p67_m": float(np.percentile(errors, 67.0)) if len(errors) else None,
+        "over_time": [[float(t), round(float(m), 4)] for t, m in zip(times, means, strict=True)],
+        "published": [
+            [line.measure, line.ours, None if np.isnan(line.published) else line.published]
+            for line in beside_published(instants, sensors)
+        ],
+    }
 
 
 def _run(trial: Trial) -> runs.Run:

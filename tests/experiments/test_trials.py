@@ -145,8 +145,9 @@ def test_records_outlive_a_crash_in_the_middle_of_a_line(tmp_path):
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     assert [line["source"] for line in lines] == ["arena4:seed=1", "arena4:seed=3"]
     assert [record["gospa_m"] for record in Records(path).of([third, second, first])] == [0.7, 0.5]
-    again.keep([third])
+    again.replace(again.of([third]))
     assert first not in Records(path)
+    assert Records(path).everything() == again.of([third])
 
 
 def test_a_file_of_something_else_is_left_as_it_is(tmp_path):
