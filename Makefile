@@ -8,6 +8,8 @@
 #   make test                      every test
 #   make lint                      ruff and mypy
 #   make bench                     speed beside other software
+#   make figures                   every table and picture of README.md and docs/, measured again
+#   make figures ONLY=evaluation   ... only this table's results (SWARMLOC_DATA=FOLDER for recorded data)
 #   make mutants                   do tests notice small changes to a sample of functions?
 #   make test-lowest               every test, with the oldest dependencies allowed
 #
@@ -23,7 +25,7 @@ PYTEST := -m pytest -q -n 2 --dist loadfile
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: run flash test lint bench mutants test-lowest clean
+.PHONY: run flash test lint bench figures mutants test-lowest clean
 
 run: $(VENV)/ready-run
 	$(BIN)/swarmloc run --simulate $(SCENARIO) $(if $(SECONDS),--seconds $(SECONDS))
@@ -41,6 +43,9 @@ lint: $(VENV)/ready-dev
 
 bench: $(VENV)/ready-bench
 	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
+
+figures: $(VENV)/ready-test
+	$(BIN)/python -m tools.renew_figures $(if $(ONLY),--only $(ONLY)) $(if $(FILTERS),--filters $(FILTERS))
 
 mutants: .venv/ready-test
 	$(BIN)/python tools/mutants.py

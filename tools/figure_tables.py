@@ -182,6 +182,10 @@ TABLES = {
         tuple(map(_faulty, FAULTS.values())), ("pmb", "phd"), (LIDAR_AND_CAMERA,), _faults
     ),
     "thesis": Table(
-        ("swarm20:seconds=300", "arena4:seconds=300"), (BASELINE, "phd", "pmb"), SENSORS, _thesis
+        ("swarm20:seconds=300", "arena4:seconds=300"),
+        (BASELINE, "phd", "pmb"),
+        SENSORS,
+        _thesis,
+        SEEDS[:3],
     ),
 }
