@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-import host
 from host.config import FilterSettings, RobotConfig, parse_config
 from host.errors import UserError
 from host.evaluation import faults
@@ -138,7 +137,7 @@ def _load(source: str, config: RobotConfig) -> runs.Run:
 @functools.cache
 def _program() -> str:
     """A digest of all that can change a score: the program without its screens and experiments."""
-    package = Path(host.__file__).parent
+    package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         if path.relative_to(package).parts[0] not in ("cli", "experiments"):

@@ -16,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 STATED = {
     name: page
     for page in PAGES
-    for name in re.findall(r"<!-- table: (\w+) -->", page.read_text(encoding="utf-8"))
+    for name in re.findall(r"<!-- table: (\w+) -->\n", page.read_text(encoding="utf-8"))
 }
 
 
