@@ -2,7 +2,7 @@
 
 At each distance of a strip its size is known, and its elevation but for the robot's pitch and
 roll. The score of a place is the lesser of the green in the upper box and the magenta in the lower
-one, less what of the pattern goes on outside: above, below, or on a side. Sums over boxes are four
+one, less what of the pattern goes on outside: above, below or on a side. Sums over boxes are four
 values of an integral image (Crow 1984) each.
 """
 
@@ -15,19 +15,19 @@ import numpy as np
 
 from host.config import Strip
 from host.geometry import wrap
-from host.messages import FloatArray, IntArray
+from host.messages import FloatArray, Image, IntArray
 from host.perception.panorama import Extent, Panorama, Single
 from host.perception.strip_geometry import LEVEL_RAD, StripGeometry
 
-MOST_COLOUR = 0.5  # more of the opponent colour counts as so much: prints and light differ
-
 _NEAREST_M, _FARTHEST_M, _DISTANCES = 0.3, 4.5, 11
-_LEAST_SCORE = 0.12
+_MOST_COLOUR = 100  # more green or magenta counts as so much: prints and light differ
+_LEAST_SCORE = 24.0
 _CORE_WIDE, _CORE_TALL = 0.85, 0.9  # of the strip's size: its edges fill pixels in part
 _PLACES = 4  # looked at across a box's width and height
 _MOST_PLACES = 400
 _ENOUGH_CELLS = 400.0  # more of them make a score no surer
 _APART = 0.8  # of their mean width: nearer, two are one
+_NEIGHBOURS = np.ones((3, 3), dtype=np.uint8)
 _MARGIN_RAD = 0.15  # the panorama beyond the bearings that the picture shows
 
 
@@ -54,7 +54,7 @@ class Template:
 class Candidate:
     """A place that looks like a strip: azimuth, elevation (rad) of its middle, row and column.
 
-    column: of its left edge. green, magenta: means of the boxes.
+    column: of its left edge.
     """
 
     template: Template
@@ -62,8 +62,6 @@ class Candidate:
     column: int
     azimuth: float
     elevation: float
-    green: float
-    magenta: float
 
 
 class PairFilter:
@@ -78,13 +76,16 @@ class PairFilter:
         sizes = [(t.wide, t.upper, t.lower) for t in self._templates]
         self._sizes = np.array(sizes, dtype=np.int64)
 
-    def candidates(self, opponent: Single) -> list[Candidate]:
+    def candidates(self, green: Image, magenta: Image) -> list[Candidate]:
         """The best place of each thing that looks like a strip, the surest first.
 
-        opponent (rows, columns): the reduced picture's opponent colour.
+        green, magenta (rows, columns): how much of them the reduced picture has, by FULL.
         """
-        grid = self.panorama.of(opponent, MOST_COLOUR)
-        sums: Single = np.asarray(cv2.integral(grid, sdepth=cv2.CV_32F), dtype=np.float32)
+        upper, lower = (
+            np.minimum(self.panorama.of(colour), _MOST_COLOUR) for colour in (green, magenta)
+        )
+        pair = cv2.subtract(upper, lower, dtype=cv2.CV_32F)
+        sums: Single = np.asarray(cv2.integral(pair, sdepth=cv2.CV_32F), dtype=np.float32)
         places = [
             (np.full(len(rows), number), rows, columns)
             for number, template in enumerate(self._templates)
@@ -96,7 +97,7 @@ class PairFilter:
         return self._best(_Boxes(sums, self._sizes[number], row, column), number)
 
     def _best(self, boxes: "_Boxes", number: IntArray) -> list[Candidate]:
-        score = np.minimum(boxes.green, boxes.magenta) - boxes.outside()
+        score = boxes.score - boxes.outside
         strength = score * np.sqrt(np.minimum(boxes.cells, _ENOUGH_CELLS))
         strength[score < _LEAST_SCORE] = 0.0
         panorama = self.panorama
@@ -115,8 +116,6 @@ class PairFilter:
                     azimuth=float(azimuth[k]),
                     elevation=float(panorama.elevation[0])
                     - panorama.step_rad * (int(boxes.middle[k]) - 0.5),
-                    green=float(boxes.green[k]),
-                    magenta=float(boxes.magenta[k]),
                 )
             )
         return best
@@ -173,50 +172,36 @@ def _peaks(sums: Single, template: Template) -> Iterator[tuple[IntArray, IntArra
     yield first + down * rows[:_MOST_PLACES], across * places[:_MOST_PLACES]
 
 
-_NEIGHBOURS = np.ones((3, 3), dtype=np.uint8)
-
-
 class _Boxes:
-    """Means of the boxes at places (n,), each of its own size; of `sums`, an integral image."""
+    """Means of the boxes at places (n,), each of its own size; of `sums`, an integral image.
 
-    def __init__(
-        self,
-        sums: Single,
-        sizes: IntArray,
-        middle: IntArray,
-        left: IntArray,
-    ) -> None:
-        self._sums = sums
-        self.wide, self.upper, self.lower = sizes.T
+    score (n,): the lesser of green and magenta of the strip's halves. outside (n,): how much of the
+    pattern goes on above, below or on a side, the most of them. cells (n,): of both halves.
+    """
+
+    def __init__(self, sums: Single, sizes: IntArray, middle: IntArray, left: IntArray) -> None:
+        self.wide, upper, lower = sizes.T
         self.middle, self.left = middle, left
-        self.cells = self.wide * (self.upper + self.lower)
-        self.green, self.magenta = self._pair(0 * left)
+        self.cells = self.wide * (upper + lower)
+        gap, step = np.maximum(1, upper // 3), self.wide + np.maximum(1, self.wide // 3)
+        top, bottom = middle - upper, middle + lower
+        # Each half, in its place and moved to either side; what is above and below.
+        tops = (top, top, top, middle, middle, middle, top - upper - gap, bottom + gap)
+        heights = (upper, upper, upper, lower, lower, lower, upper, lower)
+        lefts = (left, left - step, left + step) * 2 + (left, left)
+        means = _means(sums, np.stack(tops), np.stack(heights), np.stack(lefts), self.wide)
+        green, magenta = means[:3], -means[3:6]
+        pairs = np.minimum(green, magenta)
+        self.score = pairs[0]
+        self.outside = np.maximum.reduce([0.0 * means[6], *pairs[1:], means[6], -means[7]])
 
-    def outside(self) -> FloatArray:
-        """How much of the pattern goes on outside (n,): the most of the four sides."""
-        gap = np.maximum(1, self.upper // 3)
-        right = self.left + self.wide
-        above = self._mean(
-            self.middle - 2 * self.upper - gap, self.middle - self.upper - gap, self.left, right
-        )
-        below = -self._mean(
-            self.middle + self.lower + gap, self.middle + 2 * self.lower + gap, self.left, right
-        )
-        aside = self.wide + np.maximum(1, self.wide // 3)
-        sides = [np.minimum(*self._pair(shift)) for shift in (-aside, aside)]
-        most: FloatArray = np.maximum.reduce([0.0 * above, above, below, *sides])
-        return most
 
-    def _pair(self, shift: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Green above and magenta below the middle, the boxes moved aside by `shift` (n,)."""
-        left, right = self.left + shift, self.left + shift + self.wide
-        green = self._mean(self.middle - self.upper, self.middle, left, right)
-        return green, -self._mean(self.middle, self.middle + self.lower, left, right)
-
-    def _mean(self, top: IntArray, bottom: IntArray, left: IntArray, right: IntArray) -> FloatArray:
-        height, width = (size - 1 for size in self._sums.shape)
-        top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
-        left, right = np.clip(left, 0, width), np.clip(right, 0, width)
-        s = self._sums
-        total = s[bottom, right] - s[top, right] - s[bottom, left] + s[top, left]
-        return np.asarray(total / np.maximum((bottom - top) * (right - left), 1), dtype=float)
+def _means(
+    sums: Single, tops: IntArray, heights: IntArray, lefts: IntArray, wide: IntArray
+) -> FloatArray:
+    """Means over boxes (k, n), cut where the panorama ends; 0 of those outside it."""
+    rows, columns = (size - 1 for size in sums.shape)
+    bottoms, rights = np.clip(tops + heights, 0, rows), np.clip(lefts + wide, 0, columns)
+    tops, lefts = np.clip(tops, 0, rows), np.clip(lefts, 0, columns)
+    total = sums[bottoms, rights] - sums[tops, rights] - sums[bottoms, lefts] + sums[tops, lefts]
+    return np.asarray(total / np.maximum((bottoms - tops) * (rights - lefts), 1), dtype=float)

@@ -15,54 +15,48 @@ from host.perception.strip_geometry import StripGeometry
 
 Single = NDArray[np.float32]
 
-_DARK = 24.0  # of 255: in what is darker, noise passes for colour
-_GREEN = np.array([[-0.5, 1.0, -0.5]], dtype=np.float32)  # of blue, green, red
-_ORANGE = np.array([[-1.0, 0.0, 1.0]], dtype=np.float32)
-_MEAN = np.full((1, 3), 1.0 / 3.0, dtype=np.float32)
-_SHRINK = 0.25  # of a colour's blue or orange: red, which is half magenta, counts less by it
-_WEAK = 0.25  # of the opponent colour: what has less of it may be grey under coloured light
+FULL = 200  # what green or magenta is counted as that has as much of it as of grey
+_DARK = 24  # of 255: in what is darker, noise passes for colour
+_SHRINK = 0.25  # of a colour's |R − B|: red, which is half magenta, counts less by it
+_WEAK = 0.25  # what has less green or magenta may be grey under coloured light
 _MOST_CAST = 0.12  # a room that is all of one colour is no coloured light
 _SPARSE = 8  # of so many pixels a side, one is asked for the light's colour
 
 
-class OpponentColour:
-    """The opponent colour of pictures of one size. For one thread.
+def green_and_magenta(picture: Image) -> tuple[Image, Image]:
+    """How green and how magenta the pixels of a picture (h, w, 3) BGR are: (h, w) each, by FULL.
 
-    o = (G − (R + B) / 2) / mean, less the cast of the light on grey, drawn towards 0 by a share of
-    |R − B| / mean.
+    The opponent colour o = (G − (R + B) / 2) / mean, less the cast of the light on grey, drawn
+    towards 0 by a share of |R − B| / mean: its positive part is green, its negative one magenta.
+    In bytes, whose differences end at 0.
     """
+    blue, green, red = cv2.split(picture)
+    between = cv2.addWeighted(blue, 0.5, red, 0.5, 0.0)
+    mean = np.maximum(cv2.addWeighted(green, 1.0 / 3.0, between, 2.0 / 3.0, 0.0), _DARK)
+    grey = cv2.addWeighted(between, 1.0, mean, _cast(picture), 0.0)
+    shrink = cv2.convertScaleAbs(cv2.absdiff(red, blue), alpha=_SHRINK)
+    greener, redder = (
+        cv2.subtract(cv2.subtract(more, less), shrink)
+        for more, less in ((green, grey), (grey, green))
+    )
+    return _bytes(cv2.divide(greener, mean, scale=FULL)), _bytes(
+        cv2.divide(redder, mean, scale=FULL)
+    )
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        # Written again for each picture: fresh memory costs more than the arithmetic.
-        self._bgr = np.empty((*shape, 3), dtype=np.float32)
-        self._green, self._orange, self._mean, self._rest = np.empty((4, *shape), dtype=np.float32)
 
-    def of(self, picture: Image) -> Single:
-        """Opponent colour (h, w) of a picture (h, w, 3) BGR; valid until the next picture.
+def _bytes(plane: object) -> Image:
+    """As OpenCV has it, with the type that it does not declare."""
+    return np.asarray(plane, dtype=np.uint8)
 
-        The cast is the median over what has little colour, within bounds.
-        """
-        np.copyto(self._bgr, picture)
-        cv2.transform(self._bgr, _GREEN, dst=self._green)
-        cv2.transform(self._bgr, _ORANGE, dst=self._orange)
-        cv2.transform(self._bgr, _MEAN, dst=self._mean)
-        np.maximum(self._mean, _DARK, out=self._mean)
-        cv2.divide(self._green, self._mean, dst=self._green)
-        cv2.divide(self._orange, self._mean, dst=self._orange)
-        self._green -= self._cast()
-        np.abs(self._orange, out=self._orange)
-        self._orange *= _SHRINK
-        np.minimum(self._green, self._orange, out=self._rest)
-        np.negative(self._orange, out=self._orange)
-        np.maximum(self._rest, self._orange, out=self._rest)
-        self._green -= self._rest
-        return self._green
 
-    def _cast(self) -> np.float32:
-        some = self._green[::_SPARSE, ::_SPARSE]
-        grey = some[np.abs(some) < _WEAK]
-        cast = float(np.median(grey)) if len(grey) else 0.0
-        return np.float32(min(max(cast, -_MOST_CAST), _MOST_CAST))
+def _cast(picture: Image) -> float:
+    """The opponent colour of grey things: its median over weak colours, within bounds."""
+    blue, green, red = np.moveaxis(picture[::_SPARSE, ::_SPARSE].astype(np.float32), -1, 0)
+    between = 0.5 * (blue + red)
+    opponent = (green - between) / np.maximum((green + 2.0 * between) / 3.0, _DARK)
+    weak = opponent[np.abs(opponent) < _WEAK]
+    cast = float(np.median(weak)) if len(weak) else 0.0
+    return min(max(cast, -_MOST_CAST), _MOST_CAST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +85,14 @@ class Panorama:
             shown = (x > -0.5) & (x < columns - 0.5) & (y > -0.5) & (y < rows - 0.5)
         self.shown: BoolArray = shown
         self.x, self.y = (np.rint(np.where(shown, v, 0.0)).astype(np.intp) for v in (x, y))
-        self._cells = self.y * columns + self.x
-        self._light = shown.astype(np.float32)
-        self._grid = np.empty(shown.shape, dtype=np.float32)
+        self._cells = (self.y * columns + self.x).ravel()
+        self._hidden = ~shown
 
-    def of(self, values: Single, most: float) -> Single:
-        """`values` (rows, columns) of the reduced picture in this grid (h, w), within ±most.
-
-        0 where the picture shows nothing. The array is valid until the next call.
-        """
-        np.take(values.ravel(), self._cells, out=self._grid, mode="clip")
-        np.clip(self._grid, -most, most, out=self._grid)
-        self._grid *= self._light
-        return self._grid
+    def of(self, values: Image) -> Image:
+        """`values` (rows, columns) of the reduced picture in this grid; 0 where it has none."""
+        grid: Image = np.take(values.ravel(), self._cells, mode="clip").reshape(self.shown.shape)
+        grid[self._hidden] = 0
+        return grid
 
     def row_of(self, elevation: float) -> float:
         """The row's edge, counted from the grid's upper one, at an elevation (rad)."""

@@ -6,7 +6,6 @@ it is a strip, its bearing and, by its area, its distance.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,25 +14,17 @@ from host.geometry import wrap
 from host.messages import BoolArray, FloatArray, Image
 from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
-from host.perception.pair_filter import Candidate, PairFilter
-from host.perception.panorama import OpponentColour, Single
+from host.perception.pair_filter import Candidate, PairFilter, Template
+from host.perception.panorama import green_and_magenta
 from host.perception.strip_geometry import StripGeometry, full_size
 
 _EDGE = 0.2  # of the half's colour: less is taken for the background
 _PIXEL_STD = 0.1  # std of a strip's middle in reduced pixels
-_WINDOW_WIDE, _WINDOW_TALL = 0.9, 1.5  # half sizes, in the strip's width and a half's height
-_BESIDE = 0.75  # of the strip's width from its middle: no more of it, but the background
-_ASIDE = 0.35  # most of a strip's width between the middles of its halves
-
-
-@dataclass(frozen=True, slots=True)
-class _Half:
-    """One colour's part of a strip: area (sr), middle, std of the azimuths; rad."""
-
-    area: float
-    azimuth: float
-    elevation: float
-    spread: float
+_WINDOW_WIDE, _WINDOW_TALL = 0.65, 1.2  # half sizes, in the strip's width and a half's height
+_OVERLAP = 0.5  # of a half's height that the other half's window reaches into it
+_BESIDE = 0.6  # of the strip's width from its middle: no more of it, but the background
+_APART = 0.35  # most of a strip's width between the middles of its halves
+_LEAST_RATIO, _MOST_RATIO = 0.5, 1.7  # of the distances that area and filter say
 
 
 class TwoColourSearch:
@@ -41,43 +32,46 @@ class TwoColourSearch:
 
     def __init__(self, cameras: Cameras, camera: Camera, geometry: StripGeometry) -> None:
         self._cameras, self._geometry = cameras, geometry
-        self._colour = OpponentColour(geometry.drawn.shape)
         self._filter = PairFilter(geometry, cameras.strip, SCALE / camera.focal_px)
-        pixels = full_size(np.indices(geometry.drawn.shape, dtype=float)[::-1])
-        self._pixels = pixels.astype(np.float32)
+        places = full_size(np.indices(geometry.drawn.shape, dtype=float)[::-1])
+        # Of each pixel of the reduced picture: solid angle, and its products with x and y.
+        self._weights = np.stack([geometry.solid_angle * v for v in (1.0, *places)])
 
     def blobs_in(self, picture: Image) -> list[Blob]:
         """Everything that looks like a strip, left to right. picture (rows, columns, 3) BGR."""
-        opponent = self._colour.of(picture)
+        green, magenta = green_and_magenta(picture)
         found = [
-            self._measured(candidate, opponent) for candidate in self._filter.candidates(opponent)
+            self._measured(candidate, green, magenta)
+            for candidate in self._filter.candidates(green, magenta)
         ]
         return sorted((blob for blob in found if blob is not None), key=lambda blob: blob.x)
 
-    def _measured(self, candidate: Candidate, opponent: Single) -> Blob | None:
+    def _measured(self, candidate: Candidate, green: Image, magenta: Image) -> Blob | None:
         """Weigh the pixels about a candidate; None where nothing of one colour is left."""
         box = self._box(candidate)
         if box is None:
             return None
-        template, geometry = candidate.template, self._geometry
-        azimuth = wrap(geometry.azimuth[box] - candidate.azimuth)
-        elevation = geometry.elevation[box] - candidate.elevation
-        solid = geometry.solid_angle[box]
-        aside = np.abs(azimuth) / template.wide_rad
-        level = elevation < _WINDOW_TALL * template.upper_rad
-        level &= elevation > -_WINDOW_TALL * template.lower_rad
-        o = opponent[box]
-        green, magenta = (
-            _share(colour, half & (aside < _WINDOW_WIDE), half & (aside > _BESIDE))
-            for colour, half in (
-                (o, level & (elevation > -0.5 * template.lower_rad)),
-                (-o, level & (elevation < 0.5 * template.upper_rad)),
-            )
+        template = candidate.template
+        azimuth = wrap(self._geometry.azimuth[box] - candidate.azimuth)
+        elevation = self._geometry.elevation[box] - candidate.elevation
+        aside = np.abs(azimuth)
+        inside, beside = (
+            aside < _WINDOW_WIDE * template.wide_rad,
+            aside > _BESIDE * template.wide_rad,
         )
-        features = np.stack(
-            [solid * v for v in (1.0, azimuth, elevation, azimuth**2, *self._pixels[:, *box])]
-        ).reshape(6, -1)
-        sums = np.stack((green, magenta)).reshape(2, -1) @ features.T
+        upper = (elevation < _WINDOW_TALL * template.upper_rad) & (
+            elevation > -_OVERLAP * template.lower_rad
+        )
+        lower = (elevation > -_WINDOW_TALL * template.lower_rad) & (
+            elevation < _OVERLAP * template.upper_rad
+        )
+        shares = [
+            _share(colour[box], half & inside, half & beside).ravel()
+            for colour, half in ((green, upper), (magenta, lower))
+        ]
+        solid, x, y = self._weights[:, *box]
+        features = np.stack((solid, solid * azimuth, x, y)).reshape(4, -1)
+        sums = np.stack(shares) @ features.T
         if not (sums[:, 0] > 0.0).all():
             return None
         return self._blob(candidate, sums, math.sqrt(float(solid.mean())))
@@ -85,65 +79,56 @@ class TwoColourSearch:
     def _box(self, candidate: Candidate) -> tuple[slice, slice] | None:
         """The pixels about a candidate."""
         t = candidate.template
-        top = max(candidate.row - round(1.6 * t.upper) - 1, 0)
-        left = max(candidate.column - t.wide // 2 - 1, 0)
+        top = max(candidate.row - round(0.3 * t.upper) - t.upper - 1, 0)
+        left = max(candidate.column - round(0.35 * t.wide) - 1, 0)
         return self._filter.panorama.pixels_of(
-            slice(top, candidate.row + round(1.6 * t.lower) + 2),
-            slice(left, candidate.column + t.wide + t.wide // 2 + 2),
+            slice(top, candidate.row + t.lower + round(0.3 * t.lower) + 2),
+            slice(left, candidate.column + t.wide + round(0.35 * t.wide) + 2),
         )
 
     def _blob(self, candidate: Candidate, sums: FloatArray, pixel_rad: float) -> Blob:
-        halves = [
-            _Half(area, x / area, y / area, math.sqrt(max(xx / area - (x / area) ** 2, 0.0)))
-            for area, x, y, xx in sums[:, :4].tolist()
-        ]
-        total = sums.sum(axis=0)
-        strip = self._cameras.strip
-        distance = math.sqrt(strip.diameter_m * strip.tall_m / float(total[0]))
-        middle = float(total[1] / total[0])
-        pixels = float(total[0]) / pixel_rad**2
-        apart = abs(halves[0].azimuth - halves[1].azimuth)
-        reason = self._reason(candidate, halves, pixel_rad)
-        width, height = (
-            SCALE * angle / pixel_rad
-            for angle in (
-                candidate.template.wide_rad,
-                candidate.template.upper_rad + candidate.template.lower_rad,
-            )
-        )
+        """sums (2, 4): of green and magenta, solid angle and its products with azimuth, x and y."""
+        template, strip = candidate.template, self._cameras.strip
+        solid, azimuth, x, y = sums.sum(axis=0) / (1.0, *[sums[:, 0].sum()] * 3)
+        distance = math.sqrt(strip.diameter_m * strip.tall_m / solid)
+        pixels = solid / pixel_rad**2
+        halves = sums[:, 1] / sums[:, 0]
+        apart = abs(float(halves[0] - halves[1]))
+        reason = _reason(template, apart / (template.wide_rad + pixel_rad), distance)
+        tall_rad = template.upper_rad + template.lower_rad
         return Blob(
-            x=float(total[4] / total[0]),
-            y=float(total[5] / total[0]),
-            width=width,
-            height=height,
-            area_px=SCALE * SCALE * pixels,
+            x=float(x),
+            y=float(y),
+            width=SCALE * template.wide_rad / pixel_rad,
+            height=SCALE * tall_rad / pixel_rad,
+            area_px=float(SCALE * SCALE * pixels),
             kept=not reason,
             reason=reason,
-            bearing_rad=self._geometry.bearing(candidate.azimuth + middle),
+            bearing_rad=self._geometry.bearing(candidate.azimuth + float(azimuth)),
             variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + apart**2 / 12.0,
             range_m=distance,
             range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
         )
 
-    def _reason(self, candidate: Candidate, halves: list[_Half], pixel_rad: float) -> str:
-        """Why a candidate cannot be a strip; nothing where it can."""
-        template = candidate.template
-        green, magenta = halves
-        wide = template.wide_rad + pixel_rad
-        reasons = {
-            "halves_apart": abs(green.azimuth - magenta.azimuth) > _ASIDE * wide,
-        }
-        return next((reason for reason, applies in reasons.items() if applies), "")
+
+def _reason(template: Template, apart: float, distance: float) -> str:
+    """Why a candidate cannot be a strip; nothing where it can. apart: of the halves, in widths."""
+    if apart > _APART:
+        return "halves_apart"
+    ratio = distance / template.distance_m
+    if not _LEAST_RATIO < ratio < _MOST_RATIO:
+        return "too_large" if ratio < 1.0 else "too_small"
+    return ""
 
 
-def _share(colour: Single, inside: BoolArray, beside: BoolArray) -> FloatArray:
+def _share(colour: Image, inside: BoolArray, beside: BoolArray) -> FloatArray:
     """How much of each pixel `inside` a half fills, 0 to 1.
 
     0 is what the background `beside` it has of its colour, 1 what the strongest pixels have.
     """
-    strength = np.where(inside, np.maximum(colour, 0.0), 0.0)
-    full = float((strength * strength).sum()) / max(float(strength.sum()), 1e-9)
-    none = max(float(colour[beside].mean()), 0.0) if beside.any() else 0.0
-    share = np.clip((strength - none) / max(full - none, 1e-3), 0.0, 1.0)
+    strength = np.where(inside, colour, 0).astype(np.float32)
+    full = float(np.vdot(strength, strength)) / max(float(strength.sum()), 1e-9)
+    none = float(colour[beside].mean()) if beside.any() else 0.0
+    share = np.clip((strength - none) / max(full - none, 1.0), 0.0, 1.0)
     share[share < _EDGE] = 0.0
     return np.asarray(share, dtype=float)
