@@ -49,7 +49,7 @@ class Strip(Section):
     HSV that the last four settings give ("one_colour", Perera 2021).
     """
 
-    pattern: Literal["two_colours", "one_colour"] = "one_colour"
+    pattern: Literal["two_colours", "one_colour"] = "two_colours"
     height_m: float = Field(0.2, gt=0.0, lt=2.0)  # of its middle above the floor
     tall_m: float = Field(0.08, gt=0.001, lt=1.0)
     diameter_m: float = Field(0.1, gt=0.005, lt=1.0)
@@ -61,14 +61,20 @@ class Strip(Section):
     @model_validator(mode="before")
     @classmethod
     def _defaults_of_the_pattern(cls, data: Any) -> Any:
-        """Fill in the pattern's own size. Files from before there were two have no pattern."""
-        if not isinstance(data, dict):
+        """Fill in the pattern's own size. Files from before there were two name none.
+
+        Where they give a colour they go on as they were; a size alone may be that of either.
+        """
+        if not isinstance(data, dict) or not data:
             return data
-        if "pattern" not in data and any(key in data for key in _COLOUR_KEYS):
+        if "pattern" not in data:
+            if not any(key in data for key in _COLOUR_KEYS):
+                raise ValueError(
+                    'pattern is missing: write pattern = "one_colour" for the red strip, which was '
+                    'the only one before, or "two_colours" for green over magenta'
+                )
             data = {"pattern": "one_colour", **data}
-        if data.get("pattern", cls.model_fields["pattern"].default) == "one_colour":
-            data = {**_ONE_COLOUR, **data}
-        return data
+        return {**_ONE_COLOUR, **data} if data["pattern"] == "one_colour" else data
 
     @model_validator(mode="after")
     def _colours_are_used(self) -> Self:

@@ -203,6 +203,12 @@ def test_a_colour_without_a_pattern_is_that_of_the_thesis_strip() -> None:
     assert (strip.height_m, strip.tall_m) == (0.3, 0.04)
 
 
+def test_a_size_without_a_pattern_asks_for_it() -> None:
+    said = complaint('name = "a"\n[camera.strip]\nheight_m = 0.3\n')
+    assert "line 2: camera.strip: pattern is missing" in said
+    assert 'pattern = "one_colour"' in said
+
+
 def test_a_colour_for_a_strip_of_two_colours_is_a_mistake() -> None:
     said = complaint('[camera.strip]\npattern = "two_colours"\nhue_deg = 5.0\n')
     assert "hue_deg" in said

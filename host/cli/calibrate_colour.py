@@ -87,7 +87,9 @@ def colour(
     camera: Camera = getattr(cameras, camera_name)
     jpegs = [strip_colour.read_picture(path) for path in images]
     pixels = _strip_pixels(images, jpegs, boxes, cameras, camera, camera_name)
-    strip = strip_colour.learn(pixels, cameras.strip)
+    strip = cameras.strip
+    if strip.pattern == "one_colour":
+        strip = strip_colour.learn(pixels, strip)
     finder = StripFinder(cameras.model_copy(update={"strip": strip}), camera)
     found = [finder.search(jpeg) for jpeg in jpegs]
     pictures = [
@@ -103,7 +105,7 @@ def colour(
     write_json(
         json_path,
         {
-            "strip": {name: getattr(strip, name) for name in _LEARNT},
+            "strip": {name: getattr(strip, name) for name in ("pattern", *_LEARNT)},
             "pictures": [
                 {
                     "image": str(image),
@@ -150,8 +152,10 @@ def _strip_pixels(
 
 
 def _lines(strip: Strip) -> str:
+    if strip.pattern == "two_colours":
+        return "A strip of two colours has no colour to learn. What is found in the pictures:"
     values = "\n".join(f"{name} = {getattr(strip, name)}" for name in _LEARNT)
-    return f"Put these lines into robot.toml:\n\n[camera.strip]\n{values}"
+    return f'Put these lines into robot.toml:\n\n[camera.strip]\npattern = "one_colour"\n{values}'
 
 
 def _summary(blobs: list[Blob]) -> str:

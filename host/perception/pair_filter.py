@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from host.config import Strip
+from host.config import Cameras, Strip
 from host.geometry import wrap
 from host.messages import FloatArray, Image, IntArray
 from host.perception.panorama import Extent, Panorama, Single
@@ -67,11 +67,13 @@ class Candidate:
 class PairFilter:
     """The matched filter for one camera's panorama."""
 
-    def __init__(self, geometry: StripGeometry, strip: Strip, step_rad: float) -> None:
+    def __init__(self, geometry: StripGeometry, cameras: Cameras, step_rad: float) -> None:
         self.panorama = Panorama(geometry, _extent(geometry), step_rad)
-        distances = np.geomspace(_NEAREST_M, _FARTHEST_M, _DISTANCES)
+        farthest = max(min(_FARTHEST_M, cameras.max_range_m), 2.0 * _NEAREST_M)
+        distances = np.geomspace(_NEAREST_M, farthest, _DISTANCES)
         self._templates = [
-            _template(self.panorama, geometry, strip, float(distance)) for distance in distances
+            _template(self.panorama, geometry, cameras.strip, float(distance))
+            for distance in distances
         ]
         sizes = [(t.wide, t.upper, t.lower) for t in self._templates]
         self._sizes = np.array(sizes, dtype=np.int64)

@@ -24,6 +24,7 @@ _WINDOW_WIDE, _WINDOW_TALL = 0.65, 1.2  # half sizes, in the strip's width and a
 _OVERLAP = 0.5  # of a half's height that the other half's window reaches into it
 _BESIDE = 0.6  # of the strip's width from its middle: no more of it, but the background
 _APART = 0.35  # most of a strip's width between the middles of its halves
+_BEYOND = 1.3  # times the reach: what a size may say of the distance
 _LEAST_RATIO, _MOST_RATIO = 0.5, 1.7  # of the distances that area and filter say
 
 
@@ -32,7 +33,7 @@ class TwoColourSearch:
 
     def __init__(self, cameras: Cameras, camera: Camera, geometry: StripGeometry) -> None:
         self._cameras, self._geometry = cameras, geometry
-        self._filter = PairFilter(geometry, cameras.strip, SCALE / camera.focal_px)
+        self._filter = PairFilter(geometry, cameras, SCALE / camera.focal_px)
         places = full_size(np.indices(geometry.drawn.shape, dtype=float)[::-1])
         # Of each pixel of the reduced picture: solid angle, and its products with x and y.
         self._weights = np.stack([geometry.solid_angle * v for v in (1.0, *places)])
@@ -94,7 +95,9 @@ class TwoColourSearch:
         pixels = solid / pixel_rad**2
         halves = sums[:, 1] / sums[:, 0]
         apart = abs(float(halves[0] - halves[1]))
-        reason = _reason(template, apart / (template.wide_rad + pixel_rad), distance)
+        reason = _reason(
+            template, apart / (template.wide_rad + pixel_rad), distance, self._cameras.max_range_m
+        )
         tall_rad = template.upper_rad + template.lower_rad
         return Blob(
             x=float(x),
@@ -111,10 +114,12 @@ class TwoColourSearch:
         )
 
 
-def _reason(template: Template, apart: float, distance: float) -> str:
+def _reason(template: Template, apart: float, distance: float, reach: float) -> str:
     """Why a candidate cannot be a strip; nothing where it can. apart: of the halves, in widths."""
     if apart > _APART:
         return "halves_apart"
+    if distance > _BEYOND * reach:
+        return "too_small"
     ratio = distance / template.distance_m
     if not _LEAST_RATIO < ratio < _MOST_RATIO:
         return "too_large" if ratio < 1.0 else "too_small"

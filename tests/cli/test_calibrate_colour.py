@@ -12,22 +12,30 @@ from click.testing import CliRunner, Result
 from host import config
 from host.cli.calibrate import calibrate
 from host.cli.main import Commands
-from host.config import Cameras
-from tests.perception.drawn_strips import background, draw_strip, encode, place
+from host.config import Cameras, Strip
+from tests.perception.drawn_strips import background, draw_pair, draw_strip, encode, place
 
-FRONT = Cameras().front
+RED = Cameras(strip=Strip(pattern="one_colour"))
+FRONT = RED.front
 
 
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
     canvas = background(FRONT, 0)
-    draw_strip(canvas, Cameras(), FRONT, place(FRONT, 0.3, 0.8))
+    draw_strip(canvas, RED, FRONT, place(FRONT, 0.3, 0.8))
     path = tmp_path / "front.jpg"
     path.write_bytes(encode(canvas))
     return path
 
 
 def run(*arguments: str | Path) -> Result:
+    assert isinstance(arguments[0], Path)
+    robot = arguments[0].parent / "robot.toml"
+    robot.write_text('[camera.strip]\npattern = "one_colour"\n', encoding="utf-8")
+    return command(*arguments, "--robot", robot)
+
+
+def command(*arguments: str | Path) -> Result:
     top = Commands("swarmloc", params=[click.Option(["--debug"], is_flag=True)])
     top.add_command(calibrate)
     return CliRunner().invoke(top, ["calibrate", "colour", *map(str, arguments)])
@@ -105,3 +113,15 @@ def test_pictures_that_cannot_be_used_are_told_in_words(picture: Path, tmp_path:
         assert "Traceback" not in result.output
     result = run(picture, "--output", tmp_path / "no" / "such.png")
     assert (result.exit_code, "cannot write" in result.output) == (1, True)
+
+
+def test_a_strip_of_two_colours_has_none_to_learn_and_is_shown(tmp_path: Path) -> None:
+    canvas = background(FRONT, 0)
+    draw_pair(canvas, Cameras(), FRONT, place(FRONT, 0.3, 0.8))
+    path, output = tmp_path / "front.jpg", tmp_path / "seen.png"
+    path.write_bytes(encode(canvas))
+    result = command(path, "--output", output)
+    assert result.exit_code == 0, result.output
+    assert "no colour to learn" in result.output
+    assert f"1 strip; drawn in {output}" in result.output
+    assert "hue_deg" not in result.output

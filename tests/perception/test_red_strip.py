@@ -23,7 +23,7 @@ from tests.perception.drawn_strips import (
     place,
 )
 
-CAMERAS = Cameras()
+CAMERAS = Cameras(strip=Strip(pattern="one_colour"))
 FRONT, REAR = CAMERAS.front, CAMERAS.rear
 
 
@@ -106,7 +106,7 @@ def test_what_cannot_be_a_strip_is_dropped_with_its_reason(finder: StripFinder) 
 def test_what_is_too_small_for_the_reach_is_dropped() -> None:
     picture = background(FRONT, 3)
     draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.2, 2.0))
-    near_only = StripFinder(Cameras(max_range_m=1.0), FRONT)
+    near_only = StripFinder(CAMERAS.model_copy(update={"max_range_m": 1.0}), FRONT)
     assert drop_reasons(near_only, picture) == ["too_small"]
 
 
@@ -148,7 +148,7 @@ def test_half_a_strip_says_that_its_middle_may_be_aside(finder: StripFinder) -> 
 
 
 def test_another_colour_by_configuration() -> None:
-    cameras = Cameras(strip=Strip(hue_deg=215.0, hue_width_deg=40.0))
+    cameras = Cameras(strip=Strip(pattern="one_colour", hue_deg=215.0, hue_width_deg=40.0))
     search = StripFinder(cameras, FRONT)
     picture = background(FRONT, 8)
     draw_strip(picture, cameras, FRONT, place(FRONT, 0.3, 1.0), (200, 90, 20))
@@ -184,7 +184,7 @@ def test_what_a_steep_camera_shows_on_both_sides_but_not_ahead_is_not_in_view(
 
 
 def test_a_short_reach_does_not_widen_the_view() -> None:
-    centre, half = StripFinder(Cameras(max_range_m=1.0), FRONT).geometry.view
+    centre, half = StripFinder(CAMERAS.model_copy(update={"max_range_m": 1.0}), FRONT).geometry.view
     assert (centre, half) == pytest.approx((0.0, math.pi / 2), abs=0.06)
 
 
@@ -257,7 +257,7 @@ def test_a_picture_all_in_the_strips_colour_is_survived(finder: StripFinder) -> 
 
 @pytest.mark.parametrize("grey", [0, 128])
 def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
-    everything = Strip(hue_width_deg=180.0, saturation_min=0.0, value_min=0.0)
+    everything = Strip(pattern="one_colour", hue_width_deg=180.0, saturation_min=0.0, value_min=0.0)
     search = StripFinder(Cameras(strip=everything), small_camera())
     picture = np.full((small_camera().height_px, small_camera().width_px, 3), grey, np.uint8)
     assert drop_reasons(search, picture) == ["colourless"]
@@ -267,7 +267,7 @@ def test_grey_that_the_configured_range_lets_in_is_no_strip(grey: int) -> None:
 def test_rendered_pictures(brightness: float) -> None:
     search = StripFinder(CAMERAS, FRONT)
     errors, asked, false = [], 0, 0
-    pictures = list(frames(25, 21, look=Look(brightness=brightness, noise=4.0)))
+    pictures = list(frames(25, 21, CAMERAS, look=Look(brightness=brightness, noise=4.0)))
     for jpeg, truth in pictures:
         found = np.array([blob.bearing_rad for blob in kept(search.blobs(jpeg))])
         apart = np.degrees(np.abs(wrap(found[:, None] - truth.bearings)))

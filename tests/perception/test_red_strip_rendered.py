@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from host.config import Cameras
+from host.config import Cameras, Strip
 from host.geometry import wrap
 from host.perception.strips import StripFinder
 from host.simulation.pictures.render import Look, Renderer, Surroundings
@@ -17,7 +17,7 @@ SCENES = 40
 RANGES_M = (0.4, 3.0)
 TEAMMATES, POSTS = 4, 2
 MATCH_RAD = math.radians(5.0)
-CAMERAS = Cameras()
+CAMERAS = Cameras(strip=Strip(pattern="one_colour"))
 
 
 @dataclass

@@ -156,3 +156,11 @@ def test_a_camera_that_sees_all_around_finds_strips_on_the_seam() -> None:
     bearings = np.array([blob.bearing_rad for blob in kept(search, picture)])
     off = np.sort(np.abs(wrap(bearings - camera.heading_rad)))
     assert off == pytest.approx([0.0, 1.5, 1.5, math.pi], abs=math.radians(0.5))
+
+
+def test_what_is_too_small_for_the_reach_is_dropped() -> None:
+    search = StripFinder(CAMERAS.model_copy(update={"max_range_m": 1.0}), FRONT)
+    for distance, count in ((0.9, 1), (2.5, 0)):
+        picture = background(FRONT, 4)
+        draw_pair(picture, CAMERAS, FRONT, place(FRONT, 0.3, distance))
+        assert len(kept(search, picture)) == count

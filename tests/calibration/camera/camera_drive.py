@@ -15,7 +15,7 @@ from host.config import Camera, Cameras, RobotConfig
 from host.messages import Bearings, Bodies, BoolArray, Displacement, FloatArray, Scan
 from host.perception.lens import View
 
-STRIP_M = 0.22
+STRIP_M = 0.2
 MOCAP_HZ = 100.0
 TURN_S = 0.14
 

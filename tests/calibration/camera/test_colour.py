@@ -16,7 +16,7 @@ from host.perception.strip_geometry import StripGeometry
 from host.perception.strips import StripFinder
 from tests.perception.drawn_strips import background, draw_coat, draw_strip, encode, place
 
-CAMERA = Cameras()
+CAMERA = Cameras(strip=Strip(pattern="one_colour"))
 FRONT = CAMERA.front
 SIZE = (FRONT.width_px, FRONT.height_px)
 
@@ -61,11 +61,13 @@ def test_the_range_learnt_holds_the_paint_and_its_half_and_double_light(
 
 def test_a_box_teaches_any_colour_although_it_holds_background() -> None:
     jpeg = scene(painted(215.0, 0.8, 0.7))
-    (blob, _) = StripFinder(Cameras(strip=Strip(hue_deg=215.0)), FRONT).blobs(jpeg)
+    (blob, _) = StripFinder(Cameras(strip=Strip(pattern="one_colour", hue_deg=215.0)), FRONT).blobs(
+        jpeg
+    )
     box = (round(blob.x) - 60, round(blob.y) - 50, 120, 100)
-    learnt = strip_colour.learn(strip_colour.pixels_in_box(reduced(jpeg), box), Strip())
+    learnt = strip_colour.learn(strip_colour.pixels_in_box(reduced(jpeg), box), CAMERA.strip)
     assert learnt.hue_deg == pytest.approx(215.0, abs=5.0)
-    assert (learnt.height_m, learnt.tall_m) == (Strip().height_m, Strip().tall_m)
+    assert (learnt.height_m, learnt.tall_m) == (CAMERA.strip.height_m, CAMERA.strip.tall_m)
 
 
 def test_red_where_no_strip_can_be_teaches_nothing() -> None:
@@ -81,7 +83,7 @@ def test_red_where_no_strip_can_be_teaches_nothing() -> None:
 def test_a_grey_box_is_refused() -> None:
     grey = np.full((100, 3), 120, np.uint8)
     with pytest.raises(UserError, match="no strip's colour"):
-        strip_colour.learn(grey, Strip())
+        strip_colour.learn(grey, CAMERA.strip)
 
 
 def test_the_drawing_boxes_what_is_found() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from host.config import Camera, Cameras
+from host.config import Camera, Cameras, Strip
 from host.perception.lens import View
 from host.simulation.pictures.blocks import CARDBOARD, STEEL, Block
 from host.simulation.pictures.render import Look, Renderer, Surroundings
@@ -13,7 +13,7 @@ from host.simulation.pictures.sightings import visible
 from host.simulation.world.furniture import SEAT_M, Furniture
 from host.simulation.world.raycast import Beams, meet_boxes
 
-CAMERAS = Cameras()
+CAMERAS = Cameras(strip=Strip(pattern="one_colour"))
 SMALL = Camera(
     width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5, x_m=0.05
 )

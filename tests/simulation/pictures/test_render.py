@@ -14,7 +14,7 @@ from host.simulation.pictures.render import Look, Renderer, Surroundings, frames
 from host.simulation.pictures.sightings import visible
 from host.simulation.pictures.solids import Cylinder, strip_of
 
-CAMERAS = Cameras()
+CAMERAS = Cameras(strip=Strip(pattern="one_colour"))
 PLAIN = Look(noise=0.0, light_spread=0.0, floor_patches=0, wall_patches=0)
 NOBODY = np.zeros((0, 2))
 # A third of the size is painted and searched nine times faster.
