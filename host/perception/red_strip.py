@@ -1,8 +1,7 @@
 """Strips of one colour in a reduced picture (Perera 2021 ch. 5.4, eq. 33–37).
 
-What
-has the strip's colour is outlined; parts of one strip are put together; what cannot be a strip at
-its height, at any distance in reach, is dropped with a reason. The bearing is the mean over the
+What has the strip's colour is outlined; parts of one strip are put together; what cannot be a strip
+at its height, at any distance in reach, is dropped with a reason. The bearing is the mean over the
 blob's pixels, each weighted by its colour and by how much of the world it covers.
 
 Eq. 33 gives the azimuth with the ray's coordinates exchanged: it is atan2(y, x) in the robot frame.
@@ -10,61 +9,23 @@ Eq. 33 gives the azimuth with the ray's coordinates exchanged: it is atan2(y, x)
 
 import math
 from collections import Counter
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from host.config import Cameras
-from host.messages import FloatArray, Image, IntArray
+from host.messages import FloatArray, Image
 from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
 from host.perception.strip_colour import StripColour
 from host.perception.strip_geometry import REACH_M, StripGeometry, full_size
+from host.perception.strip_patches import Patch, merged, patch_of
 
 _NEAREST, _FARTHEST = 0.7, 1.3  # times the bounds of reach: what a size may say of the distance
 _TOO_WIDE, _TOO_TALL = 1.7, 3.0  # times the strip's own proportions; a strip may be hidden in part
-_MERGED_WIDE = 1.3
 _EDGE = 0.15  # of a strip's full colour: less is taken for the background
 _PIXEL_STD = 0.1  # std of a blob's middle in reduced pixels
 _MOST_BLOBS = 200  # a picture that has more is of another colour than it should be
-
-
-@dataclass(frozen=True, slots=True)
-class _Patch:
-    """Part of a blob: its box in the reduced picture, its extents in azimuth and elevation."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-    count: int
-    azimuths: tuple[float, float]
-    elevations: tuple[float, float]
-
-    def with_other(self, other: "_Patch") -> "_Patch":
-        """Both as one."""
-        return _Patch(
-            min(self.left, other.left),
-            min(self.top, other.top),
-            max(self.right, other.right),
-            max(self.bottom, other.bottom),
-            self.count + other.count,
-            _hull(self.azimuths, other.azimuths),
-            _hull(self.elevations, other.elevations),
-        )
-
-    @property
-    def wide(self) -> float:
-        return self.azimuths[1] - self.azimuths[0]
-
-    @property
-    def tall(self) -> float:
-        return self.elevations[1] - self.elevations[0]
-
-
-def _hull(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    return min(a[0], b[0]), max(a[1], b[1])
 
 
 class OneColourSearch:
@@ -79,69 +40,31 @@ class OneColourSearch:
 
     def blobs_in(self, picture: Image) -> list[Blob]:
         """Everything in the strip's colour, left to right. picture (rows, columns, 3) BGR."""
-        patches = self._patches(self.mask(picture))
-        return [self._judge(patch, picture) for patch in self._merge(patches)]
+        return [self._judge(patch, picture) for patch in self._patches(self.mask(picture))]
 
     def mask(self, picture: Image) -> Image:
         """255 where a reduced picture (h, w, 3) has the strip's colour, in the lens: (h, w)."""
         drawn = cv2.bitwise_and(self._colour.mask(picture), self.geometry.drawn)
         return np.asarray(drawn, dtype=np.uint8)
 
-    def _patches(self, mask: Image) -> list[_Patch]:
+    def _patches(self, mask: Image) -> list[Patch]:
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         if len(contours) > _MOST_BLOBS:
             self._counts["pictures_overfull"] += 1
             contours = sorted(contours, key=len, reverse=True)[:_MOST_BLOBS]
-        patches = [
-            self._patch(np.asarray(contour, dtype=np.int64)[:, 0, :]) for contour in contours
-        ]
-        return sorted(patches, key=lambda patch: patch.left)
-
-    def _patch(self, outline: IntArray) -> _Patch:
-        x, y = outline[:, 0], outline[:, 1]
-        azimuth, elevation = self.geometry.azimuth[y, x], self.geometry.elevation[y, x]
-        # Outlines pass through the middles of the outermost pixels.
-        half = 0.5 * math.sqrt(self.geometry.solid_angle[y[0], x[0]])
-        left, right, top, bottom = int(x.min()), int(x.max()), int(y.min()), int(y.max())
-        return _Patch(
-            left,
-            top,
-            right + 1,
-            bottom + 1,
-            max(len(x), (right - left) * (bottom - top)),
-            (float(azimuth.min()) - half, float(azimuth.max()) + half),
-            (float(elevation.min()) - half, float(elevation.max()) + half),
-        )
-
-    def _merge(self, patches: list[_Patch]) -> list[_Patch]:
-        """Put parts side by side together, where both are no wider than one strip so tall."""
-        merged: list[_Patch] = []
-        for patch in patches:
-            for k in range(len(merged)):
-                if self._one_strip(merged[k], patch):
-                    merged[k] = merged[k].with_other(patch)
-                    break
-            else:
-                merged.append(patch)
-        return merged
-
-    def _one_strip(self, a: _Patch, b: _Patch) -> bool:
-        level = min(a.elevations[1], b.elevations[1]) - max(a.elevations[0], b.elevations[0])
-        if not level > 0.5 * min(a.tall, b.tall):
-            return False
-        both = a.with_other(b)
-        return both.wide <= _MERGED_WIDE * self._proportion * max(a.tall, b.tall)
+        patches = [patch_of(np.asarray(contour, np.int32), self.geometry) for contour in contours]
+        return merged(patches, self._proportion)
 
     @property
     def _proportion(self) -> float:
         return self._cameras.strip.diameter_m / self._cameras.strip.tall_m
 
-    def _judge(self, patch: _Patch, picture: Image) -> Blob:
+    def _judge(self, patch: Patch, picture: Image) -> Blob:
         """Measure one blob, and say whether it can be a teammate's strip."""
-        # A margin of one pixel: those at the edges are filled in part.
-        top, left = max(patch.top - 1, 0), max(patch.left - 1, 0)
-        box = (slice(top, patch.bottom + 1), slice(left, patch.right + 1))
-        purity = np.where(self.geometry.drawn[box], self._colour.purity(picture[box]), 0.0)
+        box = patch.box()
+        drawn = self.geometry.drawn[box]
+        own = patch.inside(drawn.shape) & (drawn > 0)
+        purity = np.where(own, self._colour.purity(picture[box]), 0.0)
         share = purity / max(float(purity.max()), 1e-3)
         share[share < _EDGE] = 0.0
         solid = self.geometry.solid_angle[box] * share
@@ -160,8 +83,8 @@ class OneColourSearch:
             0.0, abs(self._proportion * patch.tall - patch.wide) - self._proportion * pixel_rad
         )
         return Blob(
-            x=_middle(share.sum(axis=0), left, pixels),
-            y=_middle(share.sum(axis=1), top, pixels),
+            x=_middle(share.sum(axis=0), box[1].start, pixels),
+            y=_middle(share.sum(axis=1), box[0].start, pixels),
             width=float(SCALE * (patch.right - patch.left)),
             height=float(SCALE * (patch.bottom - patch.top)),
             area_px=SCALE * SCALE * pixels,
@@ -173,7 +96,7 @@ class OneColourSearch:
             range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
         )
 
-    def _reason(self, patch: _Patch, azimuth: float, elevation: float, distance: float) -> str:
+    def _reason(self, patch: Patch, azimuth: float, elevation: float, distance: float) -> str:
         """Why a blob cannot be a strip; nothing where it can."""
         geometry = self.geometry
         pixel = 2.0 * math.sqrt(geometry.solid_angle[patch.top, patch.left])
@@ -189,7 +112,7 @@ class OneColourSearch:
         return next((reason for reason, applies in reasons.items() if applies), "")
 
 
-def _colourless(patch: _Patch) -> Blob:
+def _colourless(patch: Patch) -> Blob:
     """A blob of grey pixels, which a range down to no saturation lets in."""
     width, height = SCALE * (patch.right - patch.left), SCALE * (patch.bottom - patch.top)
     x, y = SCALE * patch.left + 0.5 * (width - 1), SCALE * patch.top + 0.5 * (height - 1)
