@@ -111,6 +111,11 @@ class StripGeometry:
         )
         return upper, middle, lower
 
+    def elevations_at(self, nearest_m: float, farthest_m: float) -> tuple[float, float]:
+        """Lowest and highest elevation (rad) of a strip's middle between two distances."""
+        ends = [math.atan2(self._offset_m, distance) for distance in (nearest_m, farthest_m)]
+        return min(ends) - LEVEL_RAD, max(ends) + LEVEL_RAD
+
     def on_own_body(self, azimuth: float, elevation: float) -> bool:
         """Whether a ray meets the floor within the robot's own outline."""
         if elevation >= 0.0:

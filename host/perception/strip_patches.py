@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from host.messages import BoolArray, Image
 from host.perception.strip_geometry import StripGeometry
 
-MARGIN = 1  # px around a patch: those at its edges are filled in part
+_EDGE = np.ones((3, 3), np.uint8)  # pixels at the edge of a patch are filled in part
+_RING = np.ones((5, 5), np.uint8)
+_MARGIN = 3  # px around a patch: both
 _MERGED_WIDE = 1.3  # times as wide as a strip so tall
 _SAME_HEIGHT = 0.7  # of the taller of two parts of one strip: so much of it is beside the other
 Outline = NDArray[np.int32]
-_KERNEL = np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +56,18 @@ class Patch:
 
     def box(self) -> tuple[slice, slice]:
         """Rows and columns of the box with its margin, which may reach over the picture's end."""
-        top, left = max(self.top - MARGIN, 0), max(self.left - MARGIN, 0)
-        return slice(top, self.bottom + MARGIN), slice(left, self.right + MARGIN)
+        top, left = max(self.top - _MARGIN, 0), max(self.left - _MARGIN, 0)
+        return slice(top, self.bottom + _MARGIN), slice(left, self.right + _MARGIN)
 
-    def inside(self, shape: tuple[int, int]) -> BoolArray:
-        """Which pixels of the box (of that shape, with its margin) are the patch's or beside it."""
+    def inside_and_around(self, shape: tuple[int, ...]) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Which pixels of the box (of that shape) are the patch's; those and its edge; the next."""
         rows, columns = self.box()
         filled: Image = np.zeros(shape, np.uint8)
         offset = (-columns.start, -rows.start)
-        for outline in self.outlines:
-            cv2.drawContours(filled, [outline], -1, 1, cv2.FILLED, offset=offset)
-        return np.asarray(cv2.dilate(filled, _KERNEL) > 0)
+        cv2.drawContours(filled, list(self.outlines), -1, 1, cv2.FILLED, offset=offset)
+        own = cv2.dilate(filled, _EDGE)
+        around = np.asarray(cv2.dilate(own, _RING) > own)
+        return filled > 0, np.asarray(own > 0), around
 
 
 def patch_of(outline: Outline, geometry: StripGeometry) -> Patch:

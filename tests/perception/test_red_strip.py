@@ -17,6 +17,7 @@ from tests.perception.drawn_strips import (
     STRIP_BGR,
     background,
     draw_coat,
+    draw_quad,
     draw_strip,
     encode,
     pixel_of,
@@ -145,6 +146,79 @@ def test_half_a_strip_says_that_its_middle_may_be_aside(finder: StripFinder) -> 
     half = kept(finder.blobs(encode(picture)))[0]
     assert half.variance_rad2 > 10.0 * whole.variance_rad2
     assert abs(half.bearing_rad - 0.3) < 3.0 * math.sqrt(half.variance_rad2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("aside_deg", [30.0, -30.0, 14.0, 50.0])
+def test_a_big_red_thing_does_not_take_over_a_strip_beside_it(
+    finder: StripFinder, seed: int, aside_deg: float
+) -> None:
+    numbers = np.random.default_rng(seed)
+    bearing, distance = numbers.uniform(-0.6, 0.6), numbers.uniform(0.4, 3.0)
+    picture = background(FRONT, seed)
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, bearing, distance))
+    big = place(FRONT, bearing + math.radians(aside_deg), 0.5)
+    if distance < 0.7 and abs(aside_deg) < 20.0:
+        return  # they would touch
+    draw_coat(picture, FRONT, big, (0.0, 0.45), 0.16)
+    blobs = finder.blobs(encode(picture))
+    (strip,) = kept(blobs)
+    assert apart_deg(strip.bearing_rad, bearing) < 0.3
+    assert [blob.reason for blob in blobs if not blob.kept] == ["too_tall"]
+
+
+@pytest.mark.parametrize("thing", [(0.1, 0.34, 0.1), (0.17, 0.27, 0.4), (0.0, 0.3, 1.0)])
+def test_no_other_red_thing_takes_a_strip_over_either(
+    finder: StripFinder, thing: tuple[float, float, float]
+) -> None:
+    low, high, diameter = thing
+    for gap_deg in (4.0, 15.0, 30.0):
+        picture = background(FRONT, 9)
+        draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.2, 1.5))
+        half_width = math.asin(0.5 * diameter / 2.0) + math.asin(0.05 / 1.5)
+        aside = 0.2 - half_width - math.radians(gap_deg)
+        draw_coat(picture, FRONT, place(FRONT, aside, 2.0), (low, high), diameter)
+        found = [blob.bearing_rad for blob in kept(finder.blobs(encode(picture)))]
+        assert min(apart_deg(bearing, 0.2) for bearing in found) < 0.3
+
+
+def test_half_a_strip_near_by_and_a_whole_one_farther_away_are_two(finder: StripFinder) -> None:
+    picture = background(FRONT, 10)
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.3, 0.8))
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.205, 1.9))
+    draw_coat(picture, FRONT, place(FRONT, 0.255, 0.6), (0.0, 0.5), 0.026, (30, 30, 30))
+    found = [blob.bearing_rad for blob in kept(finder.blobs(encode(picture)))]
+    assert len(found) == 2
+    assert min(apart_deg(bearing, 0.205) for bearing in found) < 0.3
+    assert min(apart_deg(bearing, 0.3) for bearing in found) < 1.5
+
+
+def test_small_things_on_the_floor_near_by_are_at_no_strips_height(finder: StripFinder) -> None:
+    for distance in (1.3, 1.6, 2.0):  # where the floor is within the band of strips
+        picture = background(FRONT, 11)
+        middle = place(FRONT, 0.3, distance)
+        draw_coat(picture, FRONT, middle, (0.0, 0.02), 0.05)
+        assert drop_reasons(finder, picture) == ["wrong_height"]
+
+
+@pytest.mark.parametrize("size_px", [2.0, 3.5, 5.0])
+def test_specks_are_no_strips(finder: StripFinder, size_px: float) -> None:
+    picture = background(FRONT, 12)
+    x, y = pixel_of(np.append(place(FRONT, 0.3, 4.0), 0.22), FRONT)
+    left, top = 4 * round(x / 4), 4 * round(y / 4)
+    draw_quad(
+        picture,
+        [(left + dx * size_px, top + dy * size_px) for dx, dy in ((0, 0), (1, 0), (1, 1), (0, 1))],
+        STRIP_BGR,
+    )
+    assert not kept(finder.blobs(encode(picture, 95)))
+
+
+def test_a_patch_of_a_red_wall_that_passes_by_a_hair_is_background(finder: StripFinder) -> None:
+    picture = background(FRONT, 13)
+    draw_coat(picture, FRONT, place(FRONT, 0.2, 2.0), (0.0, 0.6), 1.0, (112.0, 112.0, 195.0))
+    draw_strip(picture, CAMERAS, FRONT, place(FRONT, 0.2, 1.4), (98.0, 98.0, 195.0))
+    assert "like_background" in drop_reasons(finder, picture)
 
 
 def test_another_colour_by_configuration() -> None:
