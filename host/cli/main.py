@@ -8,6 +8,7 @@ from host.cli.calibrate import calibrate
 from host.cli.evaluate import evaluate
 from host.cli.flash import flash_command
 from host.cli.init import init
+from host.cli.print_sheets import print_group
 from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.simulate import simulate
@@ -69,5 +70,15 @@ def main(plugins: tuple[str, ...], debug: bool) -> None:
         load_plugin(plugin)
 
 
-for command in (init, run, simulate, replay, evaluate, sweep_command, flash_command, calibrate):
+for command in (
+    init,
+    run,
+    simulate,
+    replay,
+    evaluate,
+    sweep_command,
+    flash_command,
+    calibrate,
+    print_group,
+):
     main.add_command(command)

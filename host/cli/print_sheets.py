@@ -1,0 +1,55 @@
+"""`swarmloc print`: what is printed on paper and put on robots."""
+
+from pathlib import Path
+
+import click
+
+from host.cli.options import robot_option
+from host.errors import UserError
+from host.sessions.robot import robot_configuration
+from host.sessions.strip_sheet import PAPERS_MM, strip_sheet
+
+
+@click.group(name="print", short_help="A teammate's strip, to print to scale.")
+def print_group() -> None:
+    """Sheets to print: `swarmloc print strip`."""
+
+
+@print_group.command(
+    epilog="""\b
+Examples:
+  swarmloc print strip
+  swarmloc print strip --robot robot.toml --paper A3 --output strip.svg""",
+)
+@robot_option
+@click.option(
+    "--paper",
+    type=click.Choice(sorted(PAPERS_MM, reverse=True)),
+    default="A4",
+    show_default=True,
+    help="Paper, lying on its long side.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("strip.svg"),
+    show_default=True,
+    metavar="FILE",
+    help="Drawing to write, SVG.",
+)
+def strip(robot_path: Path | None, paper: str, output: Path) -> None:
+    """Draw the strip of [camera.strip] to scale, in pieces that go around a teammate.
+
+    Print it in colour on matt paper, at 100 %: the ruler on it is 100 mm long.
+    """
+    worn = robot_configuration(robot_path).camera.strip
+    sheet = strip_sheet(worn, paper)
+    try:
+        output.write_text(sheet, encoding="utf-8")
+    except OSError as error:
+        raise UserError(
+            f"cannot write {output}", error.strerror or str(error), "choose another with --output"
+        ) from error
+    click.echo(f"wrote {output}: a strip for one robot, {1000 * worn.diameter_m:g} mm thick")
+    click.echo("open it in a browser and print it in colour on matt paper at 100 %, not fitted to")
+    click.echo("the page; then measure its ruler: 100 mm (docs/cameras.md)")
