@@ -200,8 +200,10 @@ class Ceiling(Section):
 
     eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
     delay_s: from an exposure to the picture's time stamp, or to its arrival where it has none.
+    mains_hz: of the mains that the lamps are on, see `Cameras`.
     """
 
+    mains_hz: Literal[50, 60] = 50
     delay_s: float = Field(0.0, ge=0.0, le=2.0)
     eye: Camera = Camera(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
     tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square

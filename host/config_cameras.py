@@ -88,8 +88,12 @@ class Strip(Section):
 
 
 class Cameras(Section):
-    """The cameras, as sensors of bearings, and what they look for."""
+    """The cameras, as sensors of bearings, and what they look for.
 
+    mains_hz: of the mains that the lamps are on; exposures are multiples of its half period.
+    """
+
+    mains_hz: Literal[50, 60] = 50
     delay_s: float = Field(0.15, ge=0.0, le=2.0)
     bearing_noise_rad: float = Field(0.02, gt=0.0, lt=1.0)
     max_range_m: float = Field(6.0, gt=0.1, le=12.0)

@@ -1,21 +1,27 @@
 """A camera as a source of bearings: its driver's pictures, searched for strips as they come."""
 
 import dataclasses
+import os
 import threading
 from collections import Counter
 from collections.abc import Callable
 
 from host.config import Camera, Cameras
 from host.drivers.camera.driver import TORN_SHARE, CameraDriver, Picture, many_torn
+from host.errors import UserError
 from host.messages import Health, Message
 from host.perception.strips import StripFinder
 
 
 class StripCamera:
-    """One camera, "front" or "rear": `run` it in a thread."""
+    """One camera, "front" or "rear": `run` it in a thread.
 
-    def __init__(self, name: str, cameras: Cameras, camera: Camera) -> None:
-        self._driver = CameraDriver(f"{name} camera", camera, cameras.delay_s)
+    remark: what Health says beside, while all is well.
+    """
+
+    def __init__(self, name: str, cameras: Cameras, camera: Camera, remark: str = "") -> None:
+        self._driver = CameraDriver(f"{name} camera", camera, cameras.delay_s, cameras.mains_hz)
+        self._remark = remark
         self._finder = StripFinder(cameras, camera, name=name)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
@@ -29,7 +35,7 @@ class StripCamera:
             nonlocal before
             if isinstance(message, Health):
                 counts = Counter(self._finder.counts)
-                emit(_judged(message, counts, counts - before))
+                emit(self._judged(message, counts, counts - before))
                 before = counts
                 return
             bearings = self._finder.find(message.jpeg, message.time)
@@ -38,22 +44,38 @@ class StripCamera:
 
         self._driver.run(take, stop)
 
-
-def _judged(health: Health, counts: "Counter[str]", news: "Counter[str]") -> Health:
-    """The driver's Health with the search's counts. news: those since the last one."""
-    torn, searched = news["pictures_torn"], news["pictures"]
-    counted = {**health.counts, **counts}
-    if health.ok and torn > TORN_SHARE * searched:
-        reason = str(many_torn(torn / searched))
-        return dataclasses.replace(health, ok=False, reason=reason, counts=counted)
-    return dataclasses.replace(health, counts=counted)
+    def _judged(self, health: Health, counts: "Counter[str]", news: "Counter[str]") -> Health:
+        """The driver's Health with the search's counts. news: those since the last one."""
+        torn, searched = news["pictures_torn"], news["pictures"]
+        ok, reason = health.ok, health.reason
+        if ok and torn > TORN_SHARE * searched:
+            ok, reason = False, str(many_torn(torn / searched))
+        elif ok and self._remark:
+            reason += f"; {self._remark}"
+        return dataclasses.replace(health, ok=ok, reason=reason, counts={**health.counts, **counts})
 
 
 def camera_sources(config: Cameras) -> dict[str, StripCamera]:
-    """The cameras that have a source, by the name that Health calls them."""
+    """The cameras that have a source, by the name that Health calls them.
+
+    Raises UserError where both have the same one.
+    """
     by_name = {"front": config.front, "rear": config.rear}
+    named = {name: camera for name, camera in by_name.items() if camera.source != "none"}
+    _refuse_shared({name: camera.source for name, camera in named.items()})
+    absent = [f"the {name} camera has no source" for name in by_name if name not in named]
     return {
-        f"{name} camera": StripCamera(name, config, camera)
-        for name, camera in by_name.items()
-        if camera.source != "none"
+        f"{name} camera": StripCamera(name, config, camera, "; ".join(absent))
+        for name, camera in named.items()
     }
+
+
+def _refuse_shared(sources: dict[str, str]) -> None:
+    """One camera under two names, which may be different paths to it, would be seen twice."""
+    if len({os.path.realpath(source) for source in sources.values()}) == len(sources):
+        return
+    raise UserError(
+        "the front and the rear camera have the same source",
+        " and ".join(f"[camera.{name}] says {source}" for name, source in sources.items()),
+        "name one of them otherwise in robot.toml; ls -l /dev/v4l/by-path shows the cameras",
+    )

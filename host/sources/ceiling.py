@@ -27,7 +27,7 @@ class CeilingCamera:
 
     def __init__(self, config: Ceiling) -> None:
         self._config = config
-        self._driver = CameraDriver(MOCAP, config.eye, config.delay_s)
+        self._driver = CameraDriver(MOCAP, config.eye, config.delay_s, config.mains_hz)
         self._finder = TagFinder(config)
         self._undecoded = 0
 

@@ -9,8 +9,9 @@ import pytest
 
 from host.config import Camera, Cameras
 from host.drivers.camera import driver
+from host.errors import UserError
 from host.messages import Bearings, Health, Message
-from host.sources.cameras import StripCamera
+from host.sources.cameras import StripCamera, camera_sources
 
 WIDTH, HEIGHT = 384, 208
 
@@ -54,3 +55,31 @@ def test_pictures_with_gaps_are_refused_counted_and_reported_where_they_are_many
     assert health[-1].counts["pictures_torn"] == torn
     many = [h for h in health if not h.ok and "of the pictures arrive torn" in h.reason]
     assert bool(many) == (every == 2)
+
+
+def test_the_same_camera_under_two_names_is_refused(tmp_path: Path) -> None:
+    device = tmp_path / "video0"
+    device.touch()
+    link = tmp_path / "by-path"
+    link.symlink_to(device)
+    both = Cameras(front=Camera(source=str(device)), rear=Camera(source=str(link)))
+    with pytest.raises(UserError, match="the front and the rear camera have the same source"):
+        camera_sources(both)
+    apart = Cameras(front=Camera(source=str(device)), rear=Camera(source=str(tmp_path / "other")))
+    assert list(camera_sources(apart)) == ["front camera", "rear camera"]
+    assert camera_sources(Cameras()) == {}
+
+
+def test_one_camera_of_two_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "pictures.mjpeg"
+    path.write_bytes(b"".join(jpeg(k) for k in range(60)))
+    front = Camera(source=str(path), width_px=WIDTH, height_px=HEIGHT, rate_hz=40.0, focal_px=122.0)
+    stop, said = threading.Event(), list[str]()
+
+    def emit(message: Message) -> None:
+        if isinstance(message, Health):
+            said.append(message.reason)
+            stop.set()
+
+    camera_sources(Cameras(front=front))["front camera"].run(emit, stop)
+    assert "the rear camera has no source" in said[0]

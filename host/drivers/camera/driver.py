@@ -9,11 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from host.config import Camera
+from host.drivers.camera.camera_errors import absent, explain_camera, is_video_device
 from host.drivers.camera.controls import Controls
 from host.drivers.camera.files import CameraFrame, FrameSource, Pipe, RecordedFile
+from host.drivers.camera.liveness import Liveness
 from host.drivers.camera.mjpeg import size_of
 from host.drivers.camera.usb import UsbCamera
-from host.drivers.camera.v4l2_device import absent, explain_camera, is_video_device
 from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
@@ -36,17 +37,23 @@ class CameraDriver:
     """`run` it in a thread of its own.
 
     name: what Health calls it. camera: its source, size and rate. delay_s: from the exposure to the
-    time stamp of a camera, or to the arrival where there is no stamp. clock: host time in s.
+    time stamp of a camera, or to the arrival where there is no stamp. mains_hz: of the lamps'
+    mains. clock: host time in s.
     """
 
     def __init__(
-        self, name: str, camera: Camera, delay_s: float, clock: Callable[[], float] = time.monotonic
+        self,
+        name: str,
+        camera: Camera,
+        delay_s: float,
+        mains_hz: int = 50,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._health = HealthReporter(name, clock, _HEALTH_PERIOD_S)
         self._camera = camera
         self._delay_s = delay_s
         self._clock = clock
-        self._controls = Controls()
+        self._controls = Controls(mains_hz)
         self._emit: Callable[[Picture | Health], None] = lambda message: None
         self._stop = threading.Event()
         self._counts = Counter(pictures=0, torn=0, wrong_size=0, connections=0)
@@ -79,6 +86,7 @@ class CameraDriver:
         """Hand out pictures and judge them, until `stop` is set. Raises UserError."""
         window = max(_HEALTH_PERIOD_S, 3.0 / self._camera.rate_hz)
         checked, before, torn = self._clock(), self._counts.copy(), 0
+        self._liveness = Liveness(self._camera.rate_hz, self._counts)
         while not self._stop.is_set():
             frame = source.read(self._stop)
             if frame is not None:
@@ -97,6 +105,8 @@ class CameraDriver:
         if self._wrong:
             self._counts["wrong_size"] += 1
             return
+        if not self._liveness.is_new(frame.jpeg) and live:
+            return
         self._counts["pictures"] += 1
         moment = frame.time - self._delay_s if live else frame.time
         self._emit(Picture(moment, frame.jpeg, self._sequence))
@@ -113,10 +123,16 @@ class CameraDriver:
                 + f"but robot.toml says {camera.width_px}x{camera.height_px}\n"
                 "set width_px and height_px to what comes, and the lens for that size"
             )
-        if not pictures:
+        if not pictures and not news["repeated"]:
+            self._liveness.pause()
             return False, str(source.why_silent())
         if torn > TORN_SHARE * (torn + pictures):
             return False, str(many_torn(torn / (torn + pictures)))
+        sent = source.counts
+        came = self._counts["pictures"] + sent["torn"] + sent.get("superseded", 0)
+        fault = self._liveness.fault(self._clock(), came, source.why_slow if source.live else None)
+        if fault is not None:
+            return False, str(fault)
         rate = pictures / seconds
         words = [f"{rate:.{0 if rate >= 3.0 else 1}f} pictures/s", *source.remarks()]
         return True, "; ".join(words)

@@ -47,6 +47,9 @@ class FrameSource(Protocol):
     def why_silent(self) -> UserError:
         """Why no pictures come."""
 
+    def why_slow(self) -> tuple[str, str]:
+        """Why fewer come than expected, and what to do; "" where nothing says so."""
+
     def close(self) -> None:
         """Let go of it."""
 
@@ -147,6 +150,10 @@ class RecordedFile:
             )
         return UserError(f"{self._path} holds no whole pictures here")
 
+    def why_slow(self) -> tuple[str, str]:
+        """It has its own rate."""
+        return "", ""
+
     def close(self) -> None:
         """Close the file."""
         self._open.close()
@@ -231,6 +238,13 @@ class Pipe:
             f"the program that writes into {self._path} sends no pictures",
             "it sends nothing, or no JPEG",
             "let it write JPEG pictures in a row, as ffmpeg does with -c:v mjpeg -f mjpeg",
+        )
+
+    def why_slow(self) -> tuple[str, str]:
+        """It is not known why a program writes fewer."""
+        return (
+            "",
+            "let the program that writes into the pipe send more, or set rate_hz to what comes",
         )
 
     def close(self) -> None:

@@ -1,77 +1,30 @@
-"""A USB camera through OpenCV's V4L2 capture: its JPEG pictures as they are, the newest first."""
+"""A USB camera (V4L2): its JPEG pictures as they are, the newest first."""
 
+import errno
 import os
 import threading
 from collections.abc import Callable
 
-import cv2
-
 from host.config import Camera
+from host.drivers.camera.camera_errors import (
+    absent,
+    explain_camera,
+    second_device,
+    silent,
+    wrong_format,
+    wrong_size,
+)
 from host.drivers.camera.controls import Controls
-from host.drivers.camera.files import CameraFrame
+from host.drivers.camera.files import WAIT_S, CameraFrame
 from host.drivers.camera.mjpeg import Splitter
-from host.drivers.camera.v4l2_device import MJPG, why_no_pictures, wrong_size
+from host.drivers.camera.v4l2_device import MJPG, Buffer, VideoDevice
 from host.errors import UserError
 
-SETTLE_S = 1.0  # for the camera's automatics, before they are locked
-_AT_ONCE_S = 0.001  # a picture that came so soon had been waiting
-_BUFFERS = 4  # that OpenCV has the kernel fill
 _OLDEST_S = 1.0  # a picture whose time stamp is older bears another clock's
 _FUTURE_S = 0.005
-_TIMEOUT_S = 2  # for a picture; OpenCV's own is 10 s, too long for a program that is to end
-
-
-def quieten() -> None:
-    """Keep OpenCV's own warnings off the terminal: what matters of them is reported as Health."""
-    if hasattr(cv2, "setLogLevel"):  # until 4.x
-        cv2.setLogLevel(0)
-    elif hasattr(cv2, "utils"):
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-
-
-class Capture:
-    """cv2.VideoCapture as far as a camera is concerned. What fails returns False or nothing."""
-
-    def __init__(self, path: str) -> None:
-        """Open the device at `path`."""
-        quieten()
-        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", str(_TIMEOUT_S))
-        self._capture = cv2.VideoCapture(path, cv2.CAP_V4L2)
-
-    @property
-    def opened(self) -> bool:
-        """Is the device there and fit for pictures?"""
-        return self._capture.isOpened()
-
-    def get(self, control: int) -> float:
-        """The value of a control or setting, -1 where there is none."""
-        return self._capture.get(control)
-
-    def set(self, control: int, value: float) -> bool:
-        """Set it; False where the camera refuses."""
-        try:
-            return self._capture.set(control, value)
-        except cv2.error:
-            return False
-
-    def grab(self) -> bool:
-        """Wait for the next picture; False where none comes within 2 s or the camera is gone."""
-        try:
-            return self._capture.grab()
-        except cv2.error:  # what the driver reported of its buffers made no sense
-            return False
-
-    def retrieve(self) -> bytes:
-        """The bytes of the picture that was grabbed."""
-        try:
-            done, picture = self._capture.retrieve()
-        except cv2.error:
-            return b""
-        return picture.tobytes() if done and picture is not None else b""
-
-    def close(self) -> None:
-        """Let go of the device."""
-        self._capture.release()
+_SILENT_S = 2.0  # without a picture: the camera hangs
+_SLOW = 0.9  # of the rate that was asked for
+_MANY_LOST = 0.2  # of the pictures
 
 
 class UsbCamera:
@@ -84,99 +37,161 @@ class UsbCamera:
         self._camera = camera
         self._clock = clock
         self._controls = controls
-        self._remarks: list[str] = []
-        self._locked = False
         self._splitter = Splitter()
-        self._superseded = self._bad_stamps = 0
+        self._superseded = self._bad_stamps = self._damaged = self._missed = 0
         self._stamp = 0.0
         self._stamps_true = True
-        self._capture = Capture(camera.source)
-        self._opened_at = clock()
-        self._set_up()
+        self._number: int | None = None  # of the last picture, in the driver's count
+        self._seen = (0, 0)  # missed, number, when it was last asked why it is slow
+        self._settled = False
+        try:
+            self._device = VideoDevice(camera.source)
+        except OSError as error:
+            raise explain_camera(camera.source, error) from error
+        try:
+            self._set_up()
+        except OSError as error:
+            self._device.close()
+            raise self._lost(error) from error
+        except UserError:
+            self._device.close()
+            raise
+        self._heard = clock()
 
     def _set_up(self) -> None:
-        """Ask for JPEG pictures of the right size, undecoded."""
-        capture, camera = self._capture, self._camera
-        if not capture.opened:
-            raise self._fail()
-        capture.set(cv2.CAP_PROP_FOURCC, MJPG)
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, camera.width_px)
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px)
-        capture.set(cv2.CAP_PROP_FPS, camera.rate_hz)
-        capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
-        if int(capture.get(cv2.CAP_PROP_FOURCC)) != MJPG:
-            raise self._fail()
-        width = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        height = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if (width, height) != (camera.width_px, camera.height_px):
-            capture.close()
-            raise wrong_size(camera.source, width, height, camera.width_px, camera.height_px)
-        rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        self._period = 1.0 / (rate_hz if rate_hz > 0.0 else camera.rate_hz)
+        """Ask for JPEG pictures of the right size, set the controls, start."""
+        device, camera = self._device, self._camera
+        if not device.can_capture():
+            raise second_device(camera.source)
+        wanted = (camera.width_px, camera.height_px)
+        code, size = device.set_format(*wanted)
+        if code != MJPG:
+            raise wrong_format(camera.source, code)
+        if size != wanted:
+            raise wrong_size(camera.source, size, wanted, device.sizes())
+        self._rate_hz = device.set_rate(camera.rate_hz) or camera.rate_hz
+        self._controls.begin(device)
+        device.start()
 
-    def _fail(self) -> UserError:
-        """Close the camera and find out what is wrong with it."""
-        self._capture.close()
-        return why_no_pictures(self._camera.source, self._camera.width_px, self._camera.height_px)
+    def _lost(self, error: OSError) -> UserError:
+        """What it means that the kernel refuses something of an opened camera."""
+        gone = error.errno in (errno.EIO, errno.EINVAL) and not os.path.exists(self._camera.source)
+        return absent(self._camera.source) if gone else explain_camera(self._camera.source, error)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Those of the splitter, pictures not the newest, pictures with useless time stamps."""
+        """Those of the splitter, and what was not handed out or is uncertain.
+
+        torn: of them the pictures that the driver calls damaged, too. missed: by the driver's
+        numbers, lost before they came here. superseded: not the newest. bad_stamps: of no use.
+        """
+        counts = self._splitter.counts
         return {
-            **self._splitter.counts,
+            **counts,
+            "torn": counts["torn"] + self._damaged,
+            "missed": self._missed,
             "superseded": self._superseded,
             "bad_stamps": self._bad_stamps,
         }
 
     def read(self, stop: threading.Event) -> CameraFrame | None:
-        """The newest picture, with the kernel's time stamp where that is the host's time."""
-        time = self._grab_newest(stop)
-        jpeg = self._splitter.feed(self._capture.retrieve()) + self._splitter.finish()
-        if not self._locked and (
-            self._controls.known or self._clock() - self._opened_at > SETTLE_S
-        ):
-            self._locked = True
-            self._remarks = self._controls.lock(self._capture)
-        return CameraFrame(jpeg[0], time) if jpeg else None
+        """The newest picture, with the kernel's time stamp where that is the host's time.
 
-    def _grab_newest(self, stop: threading.Event) -> float:
-        """Grab pictures until one had to be waited for or is too young for a successor."""
-        for attempt in range(_BUFFERS + 1):
-            asked = self._clock()
-            if not self._capture.grab():
-                raise self._fail()
-            arrived = self._clock()
-            time = self._time_of(arrived)
-            waited = arrived - asked > _AT_ONCE_S
-            young = self._stamps_true and arrived - time < self._period
-            if waited or young or stop.is_set() or attempt == _BUFFERS:
-                break
-            self._superseded += 1
-        return time
+        None while exposure and white balance are still being set.
+        """
+        try:
+            newest = self._newest() if self._device.wait(WAIT_S) else None
+            if newest is None:
+                self._check_silence()
+                return None
+            time = self._time_of(newest, self._clock())
+            pictures = self._splitter.feed(newest.data) + self._splitter.finish()
+            if not pictures:
+                return None
+            self._superseded += len(pictures) - 1
+            self._settled = self._controls.advance(self._device, pictures[-1])
+        except OSError as error:
+            raise self._lost(error) from error
+        return CameraFrame(pictures[-1], time) if self._settled else None
 
-    def _time_of(self, arrived: float) -> float:
+    def _check_silence(self) -> None:
+        if self._clock() - self._heard > _SILENT_S:
+            raise silent(self._camera.source)
+
+    def _newest(self) -> Buffer | None:
+        """The last of the buffers that wait, damaged ones apart."""
+        newest = None
+        while (buffer := self._device.take()) is not None:
+            self._heard = self._clock()
+            if self._number is not None:
+                self._missed += max(buffer.sequence - self._number - 1, 0)
+            self._number = buffer.sequence
+            if buffer.damaged:
+                self._damaged += 1
+                continue
+            self._superseded += newest is not None
+            newest = buffer
+        return newest
+
+    def _time_of(self, buffer: Buffer, arrived: float) -> float:
         """The picture's time stamp, or its arrival where the stamp cannot be true."""
-        before, stamp = self._stamp, self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-        self._stamp = stamp
-        self._stamps_true = stamp > before and -_FUTURE_S <= arrived - stamp <= _OLDEST_S
+        before, self._stamp = self._stamp, buffer.time
+        self._stamps_true = (
+            self._stamp > before and -_FUTURE_S <= arrived - self._stamp <= _OLDEST_S
+        )
         self._bad_stamps += not self._stamps_true
-        return stamp if self._stamps_true else arrived
+        return self._stamp if self._stamps_true else arrived
 
     def remarks(self) -> list[str]:
         """Whether its controls are held, and its time stamps of use."""
-        held = ["exposure, white balance and gain held"] if self._locked else []
         stamps = [] if self._stamps_true else ["its time stamps are of no use: arrival counts"]
-        return stamps + (self._remarks or held)
+        try:
+            return stamps + self._controls.check(self._device)
+        except OSError as error:
+            raise self._lost(error) from error
 
     def why_silent(self) -> UserError:
-        """What comes is no pictures."""
+        """What comes is no pictures, or none that are to be used yet."""
+        if not self._settled and self._splitter.counts["pictures"]:
+            return UserError(
+                f"{self._camera.source} sets its exposure and white balance",
+                "",
+                "this takes some seconds",
+            )
         return UserError(
             f"{self._camera.source} gives no whole pictures",
             "its bytes come, but damaged: the cable is poor, or the hub too weak",
             "use a short cable, or a hub with a supply of its own",
         )
 
+    def why_slow(self) -> tuple[str, str]:
+        """Why it gives fewer pictures than asked for, and what to do; "" where nothing says so."""
+        exposure_s = self._controls.exposure_s(self._device)
+        if exposure_s is not None and exposure_s > _SLOW / self._camera.rate_hz:
+            return (
+                f"the light is too dim for this exposure: it takes {1e3 * exposure_s:.0f} ms",
+                "switch on more light",
+            )
+        if self._controls.exposure_is_automatic:
+            return (
+                "the camera keeps its exposure automatic: it lengthens it in dim light",
+                "switch on more light",
+            )
+        lost, given = self._missed - self._seen[0], (self._number or 0) - self._seen[1]
+        self._seen = self._missed, self._number or 0
+        if lost > _MANY_LOST * given:
+            return (
+                f"{100 * lost / given:.0f} % are lost before they come here",
+                "close other programs; plug it into another port, without a hub",
+            )
+        if self._rate_hz < _SLOW * self._camera.rate_hz:
+            return (
+                f"at this size the camera gives {self._rate_hz:.0f} a second",
+                "set rate_hz to that, or another size (v4l2-ctl --list-formats-ext)",
+            )
+        return "", ""
+
     def close(self) -> None:
         """Leave the camera as it was found."""
-        self._controls.release(self._capture)
-        self._capture.close()
+        self._controls.release(self._device)
+        self._device.close()

@@ -1,4 +1,4 @@
-"""The camera driver on a USB camera that is faked below OpenCV's door."""
+"""The camera driver on a USB camera that is faked at the kernel's ioctls."""
 
 import errno
 import os
@@ -7,126 +7,23 @@ import threading
 import time
 from pathlib import Path
 
-import cv2
 import pytest
 
 from host.config import Camera
+from host.drivers.camera import camera_errors, v4l2_device
 from host.drivers.camera import driver as camera
-from host.drivers.camera import usb as camera_v4l2
-from host.drivers.camera import v4l2_device
+from host.drivers.camera import held_controls as c
 from host.drivers.camera.controls import Controls
-from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench, jpeg
-
-
-class FakeCamera:
-    """What is plugged in: its controls, its pictures, and how it fails."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.fourcc, self.size, self.rate_hz = v4l2_device.MJPG, (WIDTH, HEIGHT), 100.0
-        self.controls: dict[int, float] = {
-            cv2.CAP_PROP_AUTO_EXPOSURE: 3.0,
-            cv2.CAP_PROP_EXPOSURE: 157.0,
-            cv2.CAP_PROP_AUTO_WB: 1.0,
-            cv2.CAP_PROP_WB_TEMPERATURE: 4600.0,
-            cv2.CAP_PROP_GAIN: 12.0,
-        }
-        self.refused: set[int] = set()
-        self.refuses_open = False
-        self.ioctl_errors: dict[int, int] = {}
-        self.capabilities = 1
-        self.stamp_offset = 0.0
-        self.padding = b""
-        self.now, self.sleep = time.monotonic, time.sleep
-        self.waiting = 0  # pictures that came while nobody looked
-        self.opened = 0
-        self.ioctls: list[int] = []
-        self.plug()
-
-    def plug(self) -> None:
-        self.path.touch()
-
-    def unplug(self) -> None:
-        self.path.unlink()
-
-    def capture(self, path: str) -> "FakeCapture":
-        assert path == str(self.path)
-        return FakeCapture(self)
-
-    def ioctl(self, device: int, request: int, data: bytes) -> bytes:
-        """As the kernel answers, by linux/videodev2.h on a 64-bit machine."""
-        self.ioctls.append(request)
-        if request in self.ioctl_errors:
-            number = self.ioctl_errors[request]
-            raise OSError(number, os.strerror(number))
-        if request == v4l2_device.QUERYCAP:
-            return bytes(84) + struct.pack("2I", 1 | 1 << 31, self.capabilities) + bytes(12)
-        if request == v4l2_device.S_FMT:
-            kind, width, height, code = struct.unpack_from("<I4x3I", data)
-            assert (kind, width, height) == (1, WIDTH, HEIGHT)
-            assert code == int.from_bytes(b"MJPG", "little")
-            return struct.pack("<I4x3I", 1, *self.size, self.fourcc).ljust(208, b"\0")
-        return data
-
-
-class FakeCapture:
-    """One opening of it, as `camera_v4l2.Capture` is."""
-
-    def __init__(self, camera: FakeCamera) -> None:
-        self._camera = camera
-        self._count = 0
-        self._stamp = 0.0
-        self.opened = camera.path.exists() and not camera.refuses_open
-        camera.opened += self.opened
-
-    @property
-    def _there(self) -> bool:
-        return self.opened and self._camera.path.exists()
-
-    def get(self, control: int) -> float:
-        fixed = {
-            cv2.CAP_PROP_FOURCC: float(self._camera.fourcc),
-            cv2.CAP_PROP_FRAME_WIDTH: float(self._camera.size[0]),
-            cv2.CAP_PROP_FRAME_HEIGHT: float(self._camera.size[1]),
-            cv2.CAP_PROP_FPS: self._camera.rate_hz,
-            cv2.CAP_PROP_POS_MSEC: 1000.0 * self._stamp,
-        }
-        return fixed.get(control, self._camera.controls.get(control, -1.0))
-
-    def set(self, control: int, value: float) -> bool:
-        if not self._there or control in self._camera.refused:
-            return False
-        if control in self._camera.controls:
-            self._camera.controls[control] = value
-        return True
-
-    def grab(self) -> bool:
-        if not self._there or v4l2_device.STREAMON in self._camera.ioctl_errors:
-            return False
-        if self._camera.waiting:
-            self._camera.waiting -= 1
-            age = (self._camera.waiting + 0.5) / self._camera.rate_hz
-        else:
-            self._camera.sleep(1.0 / self._camera.rate_hz)
-            age = 0.001
-        self._stamp = self._camera.now() - age
-        self._stamp += self._camera.stamp_offset
-        self._count += 1
-        return True
-
-    def retrieve(self) -> bytes:
-        return jpeg(self._count, *self._camera.size) + self._camera.padding
-
-    def close(self) -> None:
-        self.opened = False
+from host.drivers.camera.usb import UsbCamera
+from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench
+from tests.drivers.camera.fake_camera import FakeCamera
 
 
 @pytest.fixture
 def usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeCamera:
     fake = FakeCamera(tmp_path / "video0")
     monkeypatch.setattr(camera, "is_video_device", lambda path: os.stat(path) is not None)
-    monkeypatch.setattr(camera_v4l2, "Capture", fake.capture)
-    monkeypatch.setattr(v4l2_device, "_ask", fake.ioctl)
+    monkeypatch.setattr(v4l2_device, "ask", fake.ioctl)
     return fake
 
 
@@ -140,74 +37,39 @@ def test_a_camera_gives_pictures_at_the_kernels_time_less_the_delay(
     bench.wait(lambda: len(bench.pictures()) > 5)
     for picture in bench.pictures():
         assert start - 5.0 < picture.time < time.monotonic() - 5.0
-        assert picture.jpeg.endswith(b"\xff\xd9")
+        assert picture.jpeg in usb.sent
     assert "pictures/s" in health.reason
     assert health.counts["connections"] == 1
     assert "bad_stamps" not in health.counts
 
 
-def test_its_controls_are_held_while_it_runs_and_let_go_at_the_end(
+def test_pictures_are_given_once_exposure_and_white_balance_are_set(
     bench: Bench, usb: FakeCamera
 ) -> None:
-    before = dict(usb.controls)
-    bench.run(usb.path)
-    bench.wait_reason("held", ok=True)
-    held = dict(usb.controls)
-    bench.close()
-    assert held == {**before, cv2.CAP_PROP_AUTO_EXPOSURE: 1.0, cv2.CAP_PROP_AUTO_WB: 0.0}
-    assert usb.controls == before
+    usb.rate_hz = 60.0
+    bench.run(usb.path, rate_hz=60.0)
+    bench.wait_reason("sets its exposure and white balance\nthis takes some seconds")
+    assert not bench.pictures()
+    bench.wait(lambda: bool(bench.pictures()))
+    assert usb.controls[c.AUTO_WHITE].value == 0
 
 
-def test_automatics_are_given_back_after_a_camera_hung_and_was_opened_anew(
+def test_unplugged_and_plugged_in_again_it_has_what_was_chosen(
     bench: Bench, usb: FakeCamera
 ) -> None:
-    before = dict(usb.controls)
+    usb.light = 0.8
     bench.run(usb.path)
     bench.wait_reason("held", ok=True)
-    usb.ioctl_errors = {v4l2_device.STREAMON: errno.EIO}
-    bench.wait_reason("does not answer on its USB cable")
-    usb.ioctl_errors = {}
-    bench.wait(lambda: usb.opened == 2 and bench.health()[-1].ok)
-    assert usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] == 1.0
-    bench.close()
-    assert usb.controls == before
-
-
-def test_controls_that_a_user_had_set_are_left_alone(bench: Bench, usb: FakeCamera) -> None:
-    usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] = 1.0
-    usb.controls[cv2.CAP_PROP_EXPOSURE] = 30.0
-    bench.run(usb.path)
-    bench.wait_reason("held", ok=True)
-    bench.close()
-    assert usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] == 1.0
-    assert usb.controls[cv2.CAP_PROP_EXPOSURE] == 30.0
-
-
-def test_controls_that_refuse_are_named_and_the_pictures_go_on(
-    bench: Bench, usb: FakeCamera
-) -> None:
-    usb.refused = {cv2.CAP_PROP_AUTO_EXPOSURE, cv2.CAP_PROP_WB_TEMPERATURE}
-    del usb.controls[cv2.CAP_PROP_GAIN]
-    bench.run(usb.path)
-    health = bench.wait_reason("exposure not held: the camera keeps it automatic", ok=True)
-    assert "white balance not held: the camera refuses the setting" in health.reason
-    assert "gain not held: the camera has no such control" in health.reason
-
-
-def test_unplugged_and_plugged_in_again_its_colours_are_the_same(
-    bench: Bench, usb: FakeCamera
-) -> None:
-    bench.run(usb.path)
-    bench.wait_reason("held", ok=True)
+    before = {number: control.value for number, control in usb.controls.items()}
     usb.unplug()
     health = bench.wait_reason("no such camera is plugged in")
     assert f"cannot open {usb.path}" in health.reason
-    usb.controls |= {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0, cv2.CAP_PROP_EXPOSURE: 500.0}
+    usb.controls[c.AUTO_EXPOSURE].value, usb.controls[c.EXPOSURE].value = 3, 500
+    usb.controls[c.WHITE].value, usb.controls[c.AUTO_WHITE].value = 2500, 1
     count = len(bench.pictures())
     usb.plug()
     bench.wait(lambda: len(bench.pictures()) > count + 2)
-    assert usb.controls[cv2.CAP_PROP_EXPOSURE] == 157.0
-    assert usb.controls[cv2.CAP_PROP_AUTO_EXPOSURE] == 1.0
+    assert {number: control.value for number, control in usb.controls.items()} == before
     sequences = [picture.sequence for picture in bench.pictures()]
     assert sequences == list(range(len(sequences)))
     bench.wait(lambda: bench.health()[-1].counts["connections"] == 2)
@@ -226,23 +88,65 @@ class Hours:
         self.time += seconds
 
 
-@pytest.mark.parametrize(("offset", "first"), [(0.0, 3), (1e6, 4)])
-def test_only_the_newest_of_waiting_pictures_is_taken(
-    usb: FakeCamera, offset: float, first: int
-) -> None:
-    """Without time stamps that tell, the newest is the one that had to be waited for."""
+def opened(usb: FakeCamera, rate_hz: float = 100.0) -> tuple[UsbCamera, Hours]:
+    """The camera, with all chosen, on a clock of its own."""
     hours = Hours()
     usb.now, usb.sleep = hours.now, hours.sleep
+    config = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=rate_hz)
+    source = UsbCamera(config, Controls(50), hours.now)
+    while source.read(threading.Event()) is None:
+        pass
+    return source, hours
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_only_the_newest_of_waiting_pictures_is_taken(usb: FakeCamera, offset: float) -> None:
     usb.stamp_offset = offset
-    camera = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=100.0)
-    source = camera_v4l2.UsbCamera(camera, Controls(), hours.now)
+    source, hours = opened(usb)
+    usb.sent.clear()
     usb.waiting = 3
+    frames = []
+    while len(frames) < 3:
+        frame = source.read(threading.Event())
+        if frame is not None:
+            frames.append(frame)
+    assert [frame.jpeg for frame in frames] == usb.sent[2:]
+    assert source.counts["superseded"] == 2
+    ages = [hours.time - frame.time for frame in frames]
+    assert ages[-1] == pytest.approx(0.001 if not offset else 0.0, abs=1e-5)
+    source.close()
+
+
+def test_of_two_pictures_in_a_buffer_the_newer_one_counts(usb: FakeCamera) -> None:
+    source, _ = opened(usb)
+    usb.padding = usb.sent[0]
+    frame = None
+    while frame is None:
+        frame = source.read(threading.Event())
+    assert frame.jpeg == usb.padding
+    assert source.counts["superseded"] == 1
+    source.close()
+
+
+def test_pictures_that_the_driver_lost_or_calls_damaged_are_counted(usb: FakeCamera) -> None:
+    source, _ = opened(usb)
     stop = threading.Event()
-    frames = [source.read(stop) for _ in range(3)]
-    assert [frame.jpeg for frame in frames if frame] == [jpeg(first + k) for k in range(3)]
-    assert source.counts["superseded"] == first - 1
-    ages = [hours.time - frame.time for frame in frames if frame]
-    assert ages[-1] == pytest.approx(0.001 if not offset else 0.0)
+    number = usb.number
+    usb.lost = 2
+    while usb.number < number + 9:
+        source.read(stop)
+    assert source.counts["missed"] == 6
+    usb.lost, usb.damaged = 0, True
+    given = [source.read(stop) for _ in range(8)]
+    assert given == [None] * 8
+    assert source.counts["torn"] == usb.number - number - 9
+    source.close()
+
+
+def test_damaged_pictures_are_blamed_on_the_cable(bench: Bench, usb: FakeCamera) -> None:
+    usb.damaged = True
+    bench.run(usb.path)
+    bench.wait_reason("gives no whole pictures\nits bytes come, but damaged")
 
 
 @pytest.mark.parametrize("offset", [-1e6, 3.0])
@@ -264,6 +168,8 @@ def test_time_stamps_of_another_clock_are_not_believed(
         (v4l2_device.STREAMON, errno.ENOSPC, "USB has no bandwidth left"),
         (v4l2_device.STREAMON, errno.EPROTO, "it does not answer on its USB cable"),
         (v4l2_device.STREAMON, errno.ENODEV, "no such camera is plugged in"),
+        (v4l2_device.DQBUF, errno.EIO, "it does not answer on its USB cable"),
+        (v4l2_device.DQBUF, errno.EAGAIN, "it starts as it should, but no picture comes"),
         (v4l2_device.QUERYCAP, errno.ENOTTY, "it is not a camera"),
         (v4l2_device.REQBUFS, errno.ENOMEM, os.strerror(errno.ENOMEM)),
     ],
@@ -271,18 +177,22 @@ def test_time_stamps_of_another_clock_are_not_believed(
 def test_what_the_kernel_refuses_is_told_and_outlived(
     bench: Bench, usb: FakeCamera, step: int, number: int, words: str
 ) -> None:
-    usb.ioctl_errors = {step: number}
-    usb.refuses_open = step != v4l2_device.STREAMON
+    usb.errors = {step: number}
     bench.run(usb.path)
     bench.wait_reason(words)
-    usb.ioctl_errors, usb.refuses_open = {}, False
+    usb.errors = {}
     bench.wait(lambda: len(bench.pictures()) > 2)
+
+
+def test_a_camera_whose_rate_cannot_be_set_is_taken_as_it_is(usb: FakeCamera) -> None:
+    usb.errors = {v4l2_device.S_PARM: errno.ENOTTY}
+    source, _ = opened(usb)
+    source.close()
 
 
 def test_no_permission_comes_with_the_line_to_paste(
     bench: Bench, usb: FakeCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usb.refuses_open = True
     whole = os.open
 
     def refuse(path: str, flags: int, *rest: object) -> int:
@@ -301,50 +211,129 @@ def test_a_camera_without_jpeg(bench: Bench, usb: FakeCamera) -> None:
     bench.wait_reason("gives no JPEG pictures\nit gives YUYV at this size")
 
 
-def test_a_camera_without_this_size(bench: Bench, usb: FakeCamera) -> None:
+def test_a_camera_without_this_size_says_which_it_has(bench: Bench, usb: FakeCamera) -> None:
     usb.size = (32, 16)
     bench.run(usb.path)
-    bench.wait_reason("gives pictures of 32x16\nrobot.toml says 64x64")
+    health = bench.wait_reason("gives pictures of 32x16\nrobot.toml says 64x64")
+    assert "it has, as MJPG: 320x240, 32x16; set width_px" in health.reason
 
 
 def test_a_cameras_second_device(bench: Bench, usb: FakeCamera) -> None:
-    usb.refuses_open, usb.capabilities = True, 0x00A00000
+    usb.capabilities = 0x00A00000
     bench.run(usb.path)
     bench.wait_reason("take the one whose name ends in video-index0")
 
 
-def test_a_camera_that_starts_but_gives_nothing(bench: Bench, usb: FakeCamera) -> None:
-    usb.refuses_open = True
-    bench.run(usb.path)
-    bench.wait_reason("it starts as it should, but no picture comes")
-    assert usb.ioctls[:6] == [
-        v4l2_device.QUERYCAP,
-        v4l2_device.S_FMT,
-        v4l2_device.REQBUFS,
-        v4l2_device.QBUF,
-        v4l2_device.STREAMON,
-        v4l2_device.STREAMOFF,
-    ]
+def test_nothing_is_left_open(usb: FakeCamera) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    for step in (v4l2_device.S_FMT, v4l2_device.STREAMON, v4l2_device.QBUF, None):
+        usb.errors = {step: errno.EIO} if step else {}
+        try:
+            source, _ = opened(usb)
+        except camera.UserError:
+            continue
+        source.close()
+    assert len(os.listdir("/proc/self/fd")) == before
 
 
-def test_torn_pictures_are_blamed_on_the_cable(
-    bench: Bench, usb: FakeCamera, monkeypatch: pytest.MonkeyPatch
+# Health by what the pictures show
+
+
+def test_a_frozen_camera_is_reported_and_its_pictures_measure_nothing(
+    bench: Bench, usb: FakeCamera
 ) -> None:
-    monkeypatch.setattr(FakeCapture, "retrieve", lambda capture: jpeg(1)[:-300])
     bench.run(usb.path)
-    bench.wait_reason("gives no whole pictures\nits bytes come, but damaged")
+    bench.wait(lambda: len(bench.pictures()) > 2)
+    usb.frozen = True
+    health = bench.wait_reason("the pictures are frozen: the last")
+    assert health.counts["repeated"] > 3
+    count = len(bench.pictures())
+    bench.wait(lambda: bench.health()[-1].counts["repeated"] > health.counts["repeated"] + 20)
+    assert len(bench.pictures()) == count
+    usb.frozen = False
+    bench.wait(lambda: bench.health()[-1].ok)
+
+
+@pytest.mark.parametrize(
+    ("level", "words"),
+    [
+        (0, "the pictures are black"),
+        (255, "of the picture is white"),
+        (90, "the pictures show nothing"),
+    ],
+)
+def test_pictures_without_anything_in_them_are_reported(
+    bench: Bench, usb: FakeCamera, level: int, words: str
+) -> None:
+    bench.run(usb.path)
+    bench.wait(lambda: len(bench.pictures()) > 2)
+    usb.blank = level
+    bench.wait_reason(words)
+
+
+def test_too_few_pictures_are_reported_without_a_cause_that_nothing_shows(
+    bench: Bench, usb: FakeCamera
+) -> None:
+    usb.rate_hz = 40.0
+    usb.errors = {v4l2_device.S_PARM: errno.ENOTTY}
+    bench.run(usb.path, rate_hz=80.0)
+    health = bench.wait_reason("of 80 pictures/s")
+    assert "light" not in health.reason
+    assert "lost" not in health.reason
+
+
+def test_too_dim_light_is_the_cause_where_the_exposure_lasts_as_long_as_a_period(
+    bench: Bench, usb: FakeCamera
+) -> None:
+    usb.light, usb.rate_hz = 0.5, 30.0
+    usb.controls[c.GAIN].sticks = True
+    bench.run(usb.path, rate_hz=55.0)
+    health = bench.wait_reason("of 55 pictures/s")
+    assert "the light is too dim for this exposure: it takes 20 ms" in health.reason
+
+
+def test_an_exposure_that_stays_automatic_is_the_cause(bench: Bench, usb: FakeCamera) -> None:
+    usb.rate_hz = 15.0
+    usb.controls[c.AUTO_EXPOSURE].refuses = True
+    bench.run(usb.path, rate_hz=30.0)
+    health = bench.wait_reason("of 30 pictures/s")
+    assert "the camera keeps its exposure automatic: it lengthens it in dim light" in health.reason
+
+
+def test_pictures_lost_on_the_way_are_the_cause(bench: Bench, usb: FakeCamera) -> None:
+    usb.lost, usb.rate_hz = 3, 20.0
+    usb.errors = {v4l2_device.S_PARM: errno.ENOTTY}
+    bench.run(usb.path, rate_hz=80.0)
+    health = bench.wait_reason("are lost before they come here")
+    assert 70 <= int(health.reason.split("pictures/s: ")[1].split(" %")[0]) <= 76
+
+
+def test_a_camera_that_has_no_such_rate_is_named_as_such(bench: Bench, usb: FakeCamera) -> None:
+    usb.rate_hz = 40.0
+    bench.run(usb.path, rate_hz=80.0)
+    bench.wait_reason("of 80 pictures/s: at this size the camera gives 40 a second")
 
 
 def test_the_numbers_of_the_ioctls_are_the_kernels() -> None:
     """As a C compiler gives them from linux/videodev2.h on 64-bit machines."""
     if struct.calcsize("P") != 8:
         pytest.skip("the layouts of a 32-bit machine differ")
-    assert v4l2_device.QUERYCAP == 0x80685600
-    assert v4l2_device.S_FMT == 0xC0D05605
-    assert v4l2_device.REQBUFS == 0xC0145608
-    assert v4l2_device.QBUF == 0xC058560F
-    assert v4l2_device.STREAMON == 0x40045612
-    assert v4l2_device.STREAMOFF == 0x40045613
+    numbers = {
+        "QUERYCAP": 0x80685600,
+        "S_FMT": 0xC0D05605,
+        "REQBUFS": 0xC0145608,
+        "QUERYBUF": 0xC0585609,
+        "QBUF": 0xC058560F,
+        "DQBUF": 0xC0585611,
+        "STREAMON": 0x40045612,
+        "STREAMOFF": 0x40045613,
+        "S_PARM": 0xC0CC5616,
+        "G_CTRL": 0xC008561B,
+        "S_CTRL": 0xC008561C,
+        "QUERYCTRL": 0xC0445624,
+        "ENUM_FRAMESIZES": 0xC02C564A,
+    }
+    assert {name: getattr(v4l2_device, name) for name in numbers} == numbers
 
 
 def test_an_absent_camera_names_those_that_are_there(
@@ -352,23 +341,15 @@ def test_an_absent_camera_names_those_that_are_there(
 ) -> None:
     for name in ("pci-1-video-index0", "pci-1-video-index1"):
         (tmp_path / name).touch()
-    monkeypatch.setattr(v4l2_device, "BY_PATH", tmp_path)
+    monkeypatch.setattr(camera_errors, "BY_PATH", tmp_path)
     bench.run("/dev/v4l/by-path/none-such")
     health = bench.wait_reason("no such camera is plugged in")
     assert f"plugged in: {tmp_path}/pci-1-video-index0)" in health.reason
 
 
-def test_opencvs_own_door_fails_quietly(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    file = tmp_path / "no-camera"
-    file.write_bytes(b"nothing")
-    for path in ("/dev/no-such-camera", str(file), "/dev/null"):
-        capture = camera_v4l2.Capture(path)
-        assert not capture.opened
-        assert not capture.grab()
-        assert capture.retrieve() == b""
-        assert not capture.set(cv2.CAP_PROP_EXPOSURE, 1.0)
-        capture.close()
-    assert capfd.readouterr() == ("", "")
+def test_what_is_no_camera_fails_in_words() -> None:
+    with pytest.raises(camera.UserError, match="it is not a camera"):
+        UsbCamera(Camera(source="/dev/null"), Controls(50), time.monotonic)
 
 
 def test_the_words_of_the_docs_are_those_of_the_drivers() -> None:
