@@ -22,7 +22,7 @@ from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
 from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
 from host.estimator.static_world import StaticWorld
-from host.estimator.thing_modes import MODES, TEAMMATE, ThingModes, mixture, obstacles
+from host.estimator.thing_modes import MODES, OBSTACLE, STATIC, TEAMMATE, ThingModes, mixture
 from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
@@ -30,7 +30,6 @@ from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArra
 # picture last had it in view (s), its label (0 until it is reported).
 SEEN, PICTURED, LABEL = range(3)
 _FADE_S = 1.0  # mean survival beyond the survival range
-_SURE = 0.8  # from this probability on an obstacle is remembered
 _BELIEVED = 0.5  # from this existence on a thing can hide another
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 # Correlation times: misses follow each other, and pictures show the same scene.
@@ -104,7 +103,7 @@ class PmbFilter:
         birth = settings.pmb.appear_per_m2_s * elapsed
         remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
-        background = self._lidar.clutter / likeness(measured) + birth + known
+        background = self._lidar.clutter / likeness(measured) + birth + known.sum(axis=0)
         mass = pairs.mass()
         ratios = mass / (absent.take(pairs.target) * background.take(pairs.reading))
         found = associate(pairs.target, pairs.reading, ratios, n, m)
@@ -114,9 +113,11 @@ class PmbFilter:
         self._tracks[SEEN, found.missed < 0.5] = measured.time
         new = found.unclaimed / background
         self._bear(measured, noise, new * birth, new * known)
-        sure = obstacles(self._rows)
-        sure = sure[:, sure[TOTAL] > _SURE]
-        self._world.learn(sure, remembered, elapsed)
+        standing = mixture(self._rows[:, STATIC])
+        there = (standing[TOTAL] > _BELIEVED).nonzero()[0]
+        weights = self._rows[WEIGHT].take(there, axis=1)
+        obstacle = weights[OBSTACLE] / weights.sum(axis=0)
+        self._world.learn(standing.take(there, axis=1), obstacle, remembered, elapsed)
 
     def _lidar_detection(self, whole: FloatArray, measured: FloatArray | None) -> FloatArray:
         """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
@@ -137,7 +138,7 @@ class PmbFilter:
     ) -> None:
         """A Bernoulli for each reading (m,), with the probability that it is a new thing.
 
-        known (m,): the probability that it is an obstacle which is remembered.
+        known (2, m): the probability that it is an obstacle, or stands, and is remembered.
 
         What does not look like a turret is rather an obstacle. That it does is no evidence for a
         teammate: what looks like one in this revolution, a post, does so in the next.
@@ -146,8 +147,9 @@ class PmbFilter:
         teammate = (1.0 - obstacle) * likeness(measured)
         lags = 0.0 if measured.lags is None else measured.lags
         born = self._modes.born(
-            measured.positions, noise, lags, existence * teammate, existence * obstacle + known
+            measured.positions, noise, lags, existence * teammate, existence * obstacle
         )
+        born[WEIGHT, STATIC] += known
         tracks = np.zeros((3, len(existence)))
         tracks[SEEN], tracks[PICTURED] = measured.time, -math.inf
         self._rows = np.concatenate((self._rows, born), axis=2)

@@ -28,6 +28,7 @@ from host.messages import Displacement, FloatArray, IntArray, Positions
 _REMEMBERED_S, _DOUBTED_S = 300.0, 1.0
 _LOST_M2 = 0.5**2  # variance per axis beyond which nothing can be found again
 _IN_VIEW = 0.5  # from this P_D on a miss speaks against an obstacle; less is no plain view
+_SURE = 0.8  # from this probability on a thing is remembered as an obstacle
 _BELIEVED = 0.5
 
 
@@ -41,6 +42,7 @@ class StaticWorld:
         self._gate = gate
         self.rows = np.zeros((ROWS, 0))
         self._alone = np.zeros(0, dtype=bool)  # for which no Bernoulli stands
+        self._doubts = np.zeros(0)  # probability of a teammate that stands instead
 
     def predict(self, motion: Displacement) -> None:
         """Carry all into the robot's new frame; what is known too badly there is forgotten."""
@@ -50,46 +52,55 @@ class StaticWorld:
         self.rows[WEIGHT] *= math.exp(-motion.interval / _REMEMBERED_S)
         kept = self.rows[PXX] + self.rows[PYY] < 2.0 * _LOST_M2
         kept &= self.rows[WEIGHT] > 0.5 * _BELIEVED
-        self.rows, self._alone = self.rows[:, kept], self._alone[kept]
+        self.rows = self.rows[:, kept]
+        self._alone, self._doubts = self._alone[kept], self._doubts[kept]
 
     def intensity(self, measured: Positions, noise: FloatArray, detected: FloatArray) -> FloatArray:
-        """Expected readings (m,) of obstacles for which no Bernoulli stands, 1/m², where read.
+        """Expected readings (2, m) of what no Bernoulli stands for, 1/m², where they were made.
 
-        noise (m, 2, 2) m²; detected (k,): P_D of each obstacle.
+        First those of obstacles, then those of standing teammates taken for obstacles. noise
+        (m, 2, 2) m²; detected (k,): P_D of each that is remembered.
         """
         alone = self._alone.nonzero()[0]
         i, j = gated_pairs(self.rows.take(alone, 1), measured.positions, noise, self._gate)
         if not len(i):
-            return np.zeros(len(measured.positions))
+            return np.zeros((2, len(measured.positions)))
         i = alone.take(i)
         entries = noise.reshape(-1, 4).T.take((0, 1, 3), axis=0)
         _, likelihood = update_by_positions(
             self.rows.take(i, axis=1), measured.positions.T.take(j, axis=1), entries.take(j, axis=1)
         )
         found = detected.take(i) * self.rows[WEIGHT].take(i) * likelihood
-        return np.asarray(np.bincount(j, found, len(measured.positions)))
+        doubts, m = self._doubts.take(i), len(measured.positions)
+        of_obstacles = np.bincount(j, found * (1.0 - doubts), m)
+        return np.stack((of_obstacles, np.bincount(j, found * doubts, m)))
 
-    def learn(self, obstacles: FloatArray, detected: FloatArray, elapsed: float) -> None:
-        """Remember the obstacles (6, n) of which the filter is sure now, each where it is now.
+    def learn(
+        self, standing: FloatArray, obstacle: FloatArray, detected: FloatArray, elapsed: float
+    ) -> None:
+        """Go by what the filter knows now of things that stand still (6, n): each has a Bernoulli.
 
-        A Bernoulli stands for each of these.
+        obstacle (n,): the probability that it is one, if it is there at all. Those who surely are,
+        are remembered.
 
         detected (k,): P_D of those remembered; elapsed: s since the scan before.
         """
-        if not self.rows.shape[1] + obstacles.shape[1]:
+        if not self.rows.shape[1] + standing.shape[1]:
             return
-        again = self._seen_again(obstacles)
+        again = self._seen_again(standing)
         self.rows[WEIGHT] *= np.exp(-(elapsed / _DOUBTED_S) * (detected > _IN_VIEW))
         unseen = np.delete(self.rows, again, axis=1)
-        learnt = obstacles.copy()
+        sure = (obstacle > _SURE).nonzero()[0]
+        learnt = standing.take(sure, axis=1)
         learnt[WEIGHT] = 1.0
         self.rows = np.concatenate((unseen, learnt), axis=1)
         self._alone = np.arange(self.rows.shape[1]) < unseen.shape[1]
+        self._doubts = np.append(np.delete(self._doubts, again), 1.0 - obstacle.take(sure))
 
-    def _seen_again(self, obstacles: FloatArray) -> IntArray:
-        """Which of those remembered are among the obstacles: both are each other's nearest."""
-        i, j = gated_pairs(self.rows, *_places(obstacles), self._gate)
-        apart = np.hypot(*(self.rows[: Y + 1, i] - obstacles[: Y + 1, j]))
+    def _seen_again(self, standing: FloatArray) -> IntArray:
+        """Which of those remembered are among the things (6, n): both are each other's nearest."""
+        i, j = gated_pairs(self.rows, *_places(standing), self._gate)
+        apart = np.hypot(*(self.rows[: Y + 1, i] - standing[: Y + 1, j]))
         order = np.argsort(apart, kind="stable")
         i, j = i[order], j[order]
         nearest_of_i = np.zeros(len(i), dtype=bool)

@@ -18,7 +18,6 @@ from host.estimator.moving_gaussians import (
     ROWS,
     VX,
     WEIGHT,
-    X,
     Y,
     add_odometry_noise,
     from_moments,
@@ -128,11 +127,6 @@ def _stop(rows: FloatArray) -> None:
     """Take the velocity from the static modes, in place."""
     rows[VX : VX + 2, STATIC] = 0.0
     rows[PXX + 3 : WEIGHT, STATIC] = 0.0
-
-
-def obstacles(rows: FloatArray) -> FloatArray:
-    """What each thing is as an obstacle: (6, n), rows as in `gaussian_mixture`."""
-    return np.asarray(rows[[X, Y, PXX, PXX + 1, PXX + 2, WEIGHT], OBSTACLE])
 
 
 def mixture(rows: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ def obstacles(*places: tuple[float, float], variance: float = NOISE_M2) -> np.nd
 
 def world_of(*places: tuple[float, float], variance: float = NOISE_M2) -> StaticWorld:
     world = StaticWorld(gate=16.0)
-    world.learn(obstacles(*places, variance=variance), np.zeros(0), 1.0)
+    world.learn(obstacles(*places, variance=variance), np.ones(len(places)), np.zeros(0), 1.0)
     return world
 
 
@@ -67,7 +67,7 @@ def test_expected_readings_are_the_sum_of_their_gaussians() -> None:
     world = world_of(*map(tuple, places), variance=0.02)
     world.rows[PXY] = 0.008
     assert np.all(world.intensity(*readings(places), np.ones(9)) == 0.0)  # Bernoullis stand for all
-    world.learn(obstacles(), np.zeros(9), 1.0)
+    world.learn(obstacles(), np.zeros(0), np.zeros(9), 1.0)
     detected = random.uniform(0.2, 0.9, 9)
     measured, noise = readings(places[:5] + random.uniform(-0.1, 0.1, (5, 2)))
     spread = np.array([[0.02, 0.008], [0.008, 0.02]]) + NOISE_M2 * np.eye(2)
@@ -76,9 +76,10 @@ def test_expected_readings_are_the_sum_of_their_gaussians() -> None:
         sum(p * multivariate_normal.pdf(z, m, spread) for m, p in zip(*there, strict=True))
         for z in measured.positions
     ]
-    assert world.intensity(measured, noise, detected) == pytest.approx(expected, rel=1e-3)
+    found = world.intensity(measured, noise, detected)
+    assert found == pytest.approx(np.array([expected, 0.0 * np.array(expected)]), rel=1e-3)
     nothing, no_noise = readings(np.zeros((0, 2)))
-    assert world.intensity(nothing, no_noise, detected).shape == (0,)
+    assert world.intensity(nothing, no_noise, detected).shape == (2, 0)
     assert np.all(StaticWorld(16.0).intensity(measured, noise, np.zeros(0)) == 0.0)
 
 
@@ -89,7 +90,7 @@ def test_what_is_seen_again_is_not_remembered_twice() -> None:
         world.predict(forward(0.0, 0.0, noise=0.3))
     drifted = np.array(legs) + np.array([0.05, 0.04])
     seen = obstacles(*map(tuple, drifted[:3]))
-    world.learn(seen, np.full(4, 0.01), 1.0)
+    world.learn(seen, np.ones(3), np.full(4, 0.01), 1.0)
     places, covariances = world.believed()
     assert len(places) == 4
     apart = np.linalg.norm(places[:, None] - np.vstack((drifted[:3], legs[3])), axis=2)
@@ -101,7 +102,7 @@ def test_what_is_seen_again_is_not_remembered_twice() -> None:
 def test_one_that_is_not_where_it_must_be_seen_is_given_up_and_a_hidden_one_is_not() -> None:
     world = world_of((1.0, 0.0), (0.0, 1.0))
     for _ in range(10):
-        world.learn(np.zeros((ROWS, 0)), np.array([0.9, 0.3]), 1 / 7)
+        world.learn(np.zeros((ROWS, 0)), np.zeros(0), np.array([0.9, 0.3]), 1 / 7)
         world.predict(forward())
         if world.rows.shape[1] == 1:
             break
@@ -137,3 +138,17 @@ def test_a_frame_that_turns_takes_them_along() -> None:
     (place,), _ = world.believed()
     assert place == pytest.approx([0.0, -0.5])
     assert world.rows[[X, Y], 0] == pytest.approx(place)
+
+
+def test_what_is_known_of_a_thing_is_remembered_with_its_doubts() -> None:
+    world = StaticWorld(gate=16.0)
+    things = obstacles((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
+    world.learn(things, np.array([0.97, 0.85, 0.4]), np.zeros(0), 1 / 7)
+    places, _ = world.believed()
+    assert places == pytest.approx(np.array([[1.0, 0.0], [0.0, 1.0]]))
+    world.learn(obstacles(), np.zeros(0), np.zeros(2), 1 / 7)
+    obstacle, standing = world.intensity(*readings(places), np.ones(2))
+    assert standing / (obstacle + standing) == pytest.approx([0.03, 0.15])
+    # One that turns out to be a teammate has a Bernoulli, and is no obstacle any more.
+    world.learn(obstacles((1.0, 0.0)), np.array([0.1]), np.zeros(2), 1 / 7)
+    assert world.believed()[0] == pytest.approx(np.array([[0.0, 1.0]]))
