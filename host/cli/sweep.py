@@ -57,14 +57,14 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
 Examples:
   swarmloc sweep arena4:seconds=60 --seeds 21-30 --output sweep.jsonl
   swarmloc sweep arena4 swarm20 --seeds 21-30 --filters phd,clairvoyant \\
-      --set filter.motion_noise_m=0.06,0.09,0.12 --set filter.report_weight=0.5,0.6
+      --set filter.motion_noise_m=0.06,0.09 --set filter.report_weight=0.5,0.6
   swarmloc sweep arena4 --seeds 1-100 --scheduler tcp://192.168.0.7:8786""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option("--seeds", default="", callback=_numbers, help="Of each scenario, as 21-30 or 1,5,9.")
 @click.option(
     "--filters",
-    default="phd",
+    default="phd,clairvoyant",
     show_default=True,
     help=f"Which filters, of {', '.join(FILTERS.names())}.",
 )

@@ -16,7 +16,7 @@ from host.messages import Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
-COMMANDS = ("run", "flash", "simulate", "replay", "evaluate")
+COMMANDS = ("run", "flash", "simulate", "replay", "evaluate", "sweep")
 KEYS = [
     *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
     *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error"),
@@ -47,7 +47,9 @@ def test_help_has_an_example_and_figures_as_json(command):
     if command == "flash":  # it flashes what is plugged in, whatever robot.toml says
         return
     default = (
-        "the recording's, else a Cherokey" if command in ("replay", "evaluate") else "a Cherokey"
+        "the recording's, else a Cherokey"
+        if command in ("replay", "evaluate", "sweep")
+        else "a Cherokey"
     )
     assert f"[default: {default}]" in " ".join(done.output.split())
 

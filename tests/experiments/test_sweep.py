@@ -11,7 +11,8 @@ from click.testing import CliRunner
 
 from host.cli.main import main
 from host.cli.sweep import table
-from host.experiments import trials
+from host.errors import UserError
+from host.experiments import sweeping, trials
 from host.experiments.intervals import summaries
 
 SEEDS = [1, 2, 3]
@@ -120,3 +121,19 @@ def test_what_is_mistyped_fails_before_anything_is_computed(tmp_path, monkeypatc
     pytest.importorskip("distributed")
     monkeypatch.setattr("host.cli.sweep.sweep", lambda *_: pytest.fail("it was computed"))
     assert invoke(*arguments, "--output", tmp_path / "s.jsonl").exit_code == code
+
+
+def test_trials_of_a_source_go_together_where_that_leaves_enough_for_every_core():
+    several = trials.grid(["a", "b", "c", "d"], ["phd"] * 5, ["lidar", "lidar+camera"])
+    chunks = sweeping._chunks(several, 2)
+    assert [trial for chunk in chunks for trial in chunk] == several
+    assert [len(chunk) for chunk in chunks] == [8, 2] * 4
+    assert all(len({trial.source for trial in chunk}) == 1 for chunk in chunks)
+    assert sweeping._chunks(several, 5) == [[trial] for trial in several]
+
+
+def test_what_another_program_scored_is_refused():
+    trial = trials.Trial("arena4", "phd", "lidar")
+    sweeping._check_program(trial, {"key": trial.key()})
+    with pytest.raises(UserError, match="another version"):
+        sweeping._check_program(trial, {"key": "of another"})
