@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -10,7 +11,9 @@ import numpy as np
 
 from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
-from host.cli.options import json_option, robot_option, write_json
+from host.calibration.camera.colour_verdict import LEARNT, judged, searched
+from host.cli.fitting import Fitting
+from host.cli.options import json_option
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.messages import Image
@@ -20,21 +23,22 @@ from host.perception.strip_geometry import StripGeometry
 from host.perception.strips import StripFinder
 from host.sessions.robot import robot_configuration
 
-_LEARNT = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")
+
+def _boxes(
+    _context: click.Context, _option: click.Parameter, texts: tuple[str, ...]
+) -> list[tuple[Box, ...]]:
+    """The boxes of each picture, by plus signs. Raises a usage error for one that is no box."""
+    return [tuple(_box(part) for part in text.split("+")) for text in texts]
 
 
-def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> list[Box]:
-    """Each text as four whole numbers. Raises a usage error for one that is no box."""
-    boxes = []
-    for text in texts:
-        try:
-            x, y, width, height = (int(part) for part in text.split(","))
-        except ValueError as error:
-            raise click.BadParameter(f"{text!r} is not like 840,130,60,30.") from error
-        if min(x, y) < 0 or min(width, height) < 1:
-            raise click.BadParameter(f"{text!r}: x, y from 0 on, width and height from 1 on.")
-        boxes.append((x, y, width, height))
-    return boxes
+def _box(text: str) -> Box:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not like 840,130,60,30.") from error
+    if min(x, y) < 0 or min(width, height) < 1:
+        raise click.BadParameter(f"{text!r}: x, y from 0 on, width and height from 1 on.")
+    return x, y, width, height
 
 
 @click.command()
@@ -44,8 +48,9 @@ def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, 
     "boxes",
     callback=_boxes,
     multiple=True,
-    metavar="X,Y,W,H",
-    help="Box around a strip, in pixels; one for each picture.  [default: the most saturated blob]",
+    metavar="X,Y,W,H[+...]",
+    help="Boxes around the strips of one picture, in pixels, joined by +; once for each picture.  "
+    "[default: the most saturated blob]",
 )
 @click.option(
     "--eye",
@@ -55,7 +60,14 @@ def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, 
     show_default=True,
     help="Camera that took the pictures.",
 )
-@robot_option
+@click.option(
+    "--robot",
+    "robot_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="robot.toml to begin with, and to write the colour to.  [default: a Cherokey, and nothing "
+    "is written]",
+)
 @click.option(
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -63,90 +75,108 @@ def _boxes(_context: click.Context, _option: click.Parameter, texts: tuple[str, 
     show_default=True,
     help="Picture of what would be detected; more of them get -2, -3, ...",
 )
+@click.option(
+    "--report",
+    "report_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("calibration-colour.html"),
+    show_default=True,
+    metavar="FILE",
+    help="Report to write.",
+)
+@click.option("--accept", is_flag=True, help="Write the colour even if its verdict is bad.")
 @json_option
 def colour(
     images: tuple[Path, ...],
-    boxes: list[Box],
+    boxes: list[tuple[Box, ...]],
     camera_name: str,
     robot_path: Path | None,
     output: Path,
+    report_path: Path,
+    accept: bool,
     json_path: Path | None,
 ) -> None:
     """Learn the colour of the teammates' strips from a few pictures of the camera.
 
     \b
-    Example, with a box around the strip in the one picture:
-      swarmloc calibrate colour front.jpg --box 840,130,60,30
+    Example, with a box around each of the strips in the two pictures:
+      swarmloc calibrate colour front.jpg near.jpg --box 840,130,60,30+300,190,40,22 \\
+        --box 700,160,80,40 --robot robot.toml
     """
     if boxes and len(boxes) != len(images):
         raise click.BadParameter(
             f"{len(boxes)} for {len(images)} picture(s): give one each, or none.",
             param_hint="--box",
         )
+    fitting = Fitting(robot_path, None, None, None, report_path, accept, json_path)
     cameras = robot_configuration(robot_path).camera
     camera: Camera = getattr(cameras, camera_name)
     jpegs = [strip_colour.read_picture(path) for path in images]
-    pixels = _strip_pixels(images, jpegs, boxes, cameras, camera, camera_name)
+    reduced = [
+        _decoded(path, jpeg, camera, camera_name) for path, jpeg in zip(images, jpegs, strict=True)
+    ]
+    given = boxes or [()] * len(images)
     strip = cameras.strip
     if strip.pattern == "one_colour":
-        strip = strip_colour.learn(pixels, strip)
+        strip = strip_colour.learn(_strip_pixels(reduced, given, cameras, camera), strip)
     finder = StripFinder(cameras.model_copy(update={"strip": strip}), camera)
-    found = [finder.search(jpeg) for jpeg in jpegs]
+    outputs = [output, *(output.with_stem(f"{output.stem}-{k + 2}") for k in range(len(images)))]
     pictures = [
-        output,
-        *(output.with_stem(f"{output.stem}-{k}") for k in range(2, len(images) + 1)),
+        searched(str(path), picture, finder.search(jpeg), of_strips, strip, finder.geometry)
+        for path, jpeg, picture, of_strips in zip(outputs, jpegs, reduced, given, strict=False)
     ]
-    for path, jpeg, blobs in zip(pictures, jpegs, found, strict=True):
-        _write_picture(path, strip_colour.annotate(jpeg, blobs, finder.geometry))
+    for path, jpeg, seen in zip(outputs, jpegs, pictures, strict=False):
+        drawn = strip_colour.annotate(
+            jpeg, seen.blobs, finder.geometry, seen.boxes, seen.others, seen.background
+        )
+        _write_picture(path, drawn)
     click.echo(_lines(strip))
     click.echo()
-    for image, path, blobs in zip(images, pictures, found, strict=True):
-        click.echo(f"{image}: {_summary(blobs)}; drawn in {path}")
-    write_json(
-        json_path,
-        {
-            "strip": {name: getattr(strip, name) for name in ("pattern", *_LEARNT)},
-            "pictures": [
-                {
-                    "image": str(image),
-                    "annotated": str(path),
-                    "blobs": [dataclasses.asdict(blob) for blob in blobs],
-                }
-                for image, path, blobs in zip(images, pictures, found, strict=True)
-            ],
-        },
+    for image, seen in zip(images, pictures, strict=True):
+        click.echo(f"{image}: {_summary(seen.blobs)}; drawn in {seen.name}")
+    click.echo()
+    fitting.conclude(
+        judged(cameras.strip, strip, pictures),
+        ", ".join(map(str, images)),
+        strip={name: getattr(strip, name) for name in ("pattern", *LEARNT)},
+        pictures=[
+            {
+                "image": str(image),
+                "annotated": seen.name,
+                "blobs": [dataclasses.asdict(blob) for blob in seen.blobs],
+            }
+            for image, seen in zip(images, pictures, strict=True)
+        ],
     )
 
 
+def _decoded(image: Path, jpeg: bytes, camera: Camera, camera_name: str) -> Image:
+    """The whole picture, reduced. Raises UserError for one that is not usable."""
+    try:
+        return decode(jpeg, (camera.width_px, camera.height_px), camera.height_px)
+    except UnusableError as error:
+        why = "it is torn"
+        if str(error) == "wrong_size":
+            why = (
+                "it has {} x {} px, ".format(*size_of(jpeg))
+                + f"but [camera.{camera_name}] says {camera.width_px} x {camera.height_px}"
+            )
+        raise UserError(
+            f"{image} cannot be used",
+            why,
+            "give whole pictures of that camera, and the robot's configuration by --robot",
+        ) from error
+
+
 def _strip_pixels(
-    images: tuple[Path, ...],
-    jpegs: list[bytes],
-    boxes: list[Box],
-    cameras: Cameras,
-    camera: Camera,
-    camera_name: str,
+    reduced: list[Image], boxes: list[tuple[Box, ...]], cameras: Cameras, camera: Camera
 ) -> Image:
-    """Pixels (n, 3) of strips in all the pictures. Raises UserError for one that is not usable."""
+    """Pixels (n, 3) of strips in all the pictures: those in boxes, or of each one's best blob."""
     geometry = StripGeometry(cameras, camera)
     chosen = []
-    for k, (image, jpeg) in enumerate(zip(images, jpegs, strict=True)):
-        try:
-            picture = decode(jpeg, (camera.width_px, camera.height_px), camera.height_px)
-        except UnusableError as error:
-            why = "it is torn"
-            if str(error) == "wrong_size":
-                why = (
-                    "it has {} x {} px, ".format(*size_of(jpeg))
-                    + f"but [camera.{camera_name}] says {camera.width_px} x {camera.height_px}"
-                )
-            raise UserError(
-                f"{image} cannot be used",
-                why,
-                "give whole pictures of that camera, and the robot's configuration by --robot",
-            ) from error
-        if boxes:
-            chosen.append(strip_colour.pixels_in_box(picture, boxes[k]))
-        else:
+    for picture, given in zip(reduced, boxes, strict=True):
+        chosen += [strip_colour.pixels_in_box(picture, box) for box in given]
+        if not given:
             chosen.append(strip_colour.pixels_of_best_blob(picture, cameras.strip, geometry))
     return np.concatenate(chosen)
 
@@ -154,11 +184,11 @@ def _strip_pixels(
 def _lines(strip: Strip) -> str:
     if strip.pattern == "two_colours":
         return "A strip of two colours has no colour to learn. What is found in the pictures:"
-    values = "\n".join(f"{name} = {getattr(strip, name)}" for name in _LEARNT)
-    return f'Put these lines into robot.toml:\n\n[camera.strip]\npattern = "one_colour"\n{values}'
+    values = "\n".join(f"{name} = {getattr(strip, name)}" for name in LEARNT)
+    return f'The lines of robot.toml:\n\n[camera.strip]\npattern = "one_colour"\n{values}'
 
 
-def _summary(blobs: list[Blob]) -> str:
+def _summary(blobs: Sequence[Blob]) -> str:
     kept = sum(blob.kept for blob in blobs)
     dropped = Counter(blob.reason for blob in blobs if not blob.kept)
     said = f"{kept} strip{'' if kept == 1 else 's'}"

@@ -158,6 +158,8 @@ class Fitting:
         if self.robot_path is None:
             click.echo("nothing is written: name your robot.toml with --robot")
             return
+        if not calibration.new_settings():
+            return
         note = f"{calibration.kind} calibrated {date} from {source}: {calibration.residuals}"
         robot_file.update(self.robot_path, calibration.new_settings(), note)
         click.echo(f"written to {self.robot_path}")

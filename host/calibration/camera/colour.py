@@ -1,6 +1,7 @@
 """The colour range of [camera.strip], learnt from pictures; pictures that show what it finds."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,7 @@ _SATURATION_SHARE, _VALUE_SHARE = 0.75, 0.4  # of the dullest pixels': other lig
 _LEAST_PIXELS, _SURE_PIXELS = 4, 30
 _BIN_DEG = 5.0
 _GREEN, _RED, _BLUE = (60, 200, 60), (60, 60, 230), (230, 160, 60)
+_YELLOW, _WHITE = (40, 230, 240), (255, 255, 255)
 
 
 def read_picture(path: Path) -> bytes:
@@ -135,10 +137,18 @@ def _mean_hue(hue: FloatArray, weight: FloatArray) -> float:
     return math.degrees(math.atan2(weight @ np.sin(angle), weight @ np.cos(angle)))
 
 
-def annotate(jpeg: bytes, blobs: list[Blob], geometry: StripGeometry) -> Image:
-    """The picture with its blobs boxed: green with the bearing, or red with the reason.
+def annotate(
+    jpeg: bytes,
+    blobs: Sequence[Blob],
+    geometry: StripGeometry,
+    boxes: Sequence[Box] = (),
+    mistaken: Sequence[Blob] = (),
+    background: BoolArray | None = None,
+) -> Image:
+    """The picture with its blobs framed: green with the bearing, or red with the reason.
 
-    Blue lines are the bounds between which a strip can be.
+    Blue lines are the bounds between which a strip can be; boxes are white. Yellow: `mistaken`, of
+    the blobs, and `background` (h, w) of the reduced picture.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     picture = np.array(cv2.imdecode(np.frombuffer(jpeg, dtype=np.uint8), flags), dtype=np.uint8)
@@ -146,8 +156,12 @@ def annotate(jpeg: bytes, blobs: list[Blob], geometry: StripGeometry) -> Image:
         below = ((geometry.elevation < bound) & (geometry.drawn > 0)).astype(np.uint8)
         edge = below != cv2.erode(below, np.ones((2, 2), np.uint8))
         _paint(picture, edge, _BLUE)
+    if background is not None:
+        _paint(picture, background, _YELLOW)
+    for left, top, width, height in boxes:
+        cv2.rectangle(picture, (left, top), (left + width, top + height), _WHITE, 1)
     for blob in blobs:
-        colour = _GREEN if blob.kept else _RED
+        colour = _YELLOW if blob in mistaken else _GREEN if blob.kept else _RED
         half = np.array([0.5 * blob.width + 6.0, 0.5 * blob.height + 6.0])
         corners = [(round(blob.x + k * half[0]), round(blob.y + k * half[1])) for k in (-1, 1)]
         cv2.rectangle(picture, corners[0], corners[1], colour, 2)
