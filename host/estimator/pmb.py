@@ -22,7 +22,15 @@ from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
 from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
 from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
 from host.estimator.static_world import StaticWorld
-from host.estimator.thing_modes import MODES, OBSTACLE, STATIC, TEAMMATE, ThingModes, mixture
+from host.estimator.thing_modes import (
+    MODES,
+    OBSTACLE,
+    STANDING,
+    STATIC,
+    TEAMMATE,
+    ThingModes,
+    mixture,
+)
 from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
@@ -149,7 +157,8 @@ class PmbFilter:
         born = self._modes.born(
             measured.positions, noise, lags, existence * teammate, existence * obstacle
         )
-        born[WEIGHT, STATIC] += known
+        born[WEIGHT, OBSTACLE] += known[0]
+        born[WEIGHT, STANDING] += known[1]
         tracks = np.zeros((3, len(existence)))
         tracks[SEEN], tracks[PICTURED] = measured.time, -math.inf
         self._rows = np.concatenate((self._rows, born), axis=2)
