@@ -16,11 +16,11 @@ X4_NOISE_M = 0.0016  # std of one range at 1 m, of recorded X4s over still targe
 _NEAREST_NOISE_M = 0.3  # nearer than this the range noise stays what it is ...
 _FAR_NOISE_M = 5.0  # ... and here it is twice as much as in proportion (recorded X4s)
 _RIM_RAD = 0.00125  # of each end of the arc gives no return, on average
-_LEAST_SPACINGS = 0.4  # no end is known better than to this share of the samples' spacing
-_FREE_END = 1.2  # spacings: how certain the end is where nothing nearer hides
-_WANDER_RAD = 0.001  # of all bearings of a revolution together (recorded X4s: up to 0.003)
-_LOST_ENDS = 0.05  # share of the arcs whose ends do not return for another reason
+_LEAST_SPACINGS = 0.3  # no end is known better than to this share of the samples' spacing
+_WANDER_RAD = 0.0007  # of all bearings of a revolution together (recorded X4s: up to 0.003)
+_LOST_ENDS = 0.02  # share of the arcs whose ends do not return for another reason
 _ODD_RESIDUAL = 3.0  # in units of the noise: what is off by more belongs half to what is behind
+_ORDINARY_MISFIT = 2.0  # mean square in units of the noise, from which on covariances grow
 _FIT_STEPS = 4
 
 
@@ -66,8 +66,7 @@ def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, Flo
     # Half a width from the free end, which lies half a spacing beyond its last return.
     offset = np.maximum(0.5 * (spare - spacing), 0.0) * (1.0 * hidden[1] - hidden[0])
     interval = np.where(hidden[0] & hidden[1], spare, interval)
-    from_free_end = np.maximum(np.minimum(spare, _FREE_END * spacing), interval)
-    interval = np.where(one_hidden, from_free_end, interval)
+    interval = np.where(one_hidden, np.minimum(spare, spacing), interval)
     interval = np.sqrt((1.0 - _LOST_ENDS) * interval**2 + _LOST_ENDS * spare**2) + over
     interval = np.maximum(interval, _LEAST_SPACINGS * spacing)
     std = np.hypot(interval / np.sqrt(12.0), _WANDER_RAD)
@@ -109,6 +108,7 @@ def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
     squares = np.bincount(group, residual**2, count)
     off = side * np.sum(across * (middle - centre), axis=1) ** 2
     # What fits badly is no clean circle: so much less is known of its centre.
-    scale = np.maximum((precision * squares + off) / segments.sizes, 1.0)
+    misfit = (precision * squares + off) / segments.sizes
+    scale = np.maximum(misfit / _ORDINARY_MISFIT, 1.0)
     covariances = scale[:, None, None] * np.linalg.inv(information)
     return Circles(centre, covariances, squares / noise_m(distance, X4_NOISE_M) ** 2 + off)

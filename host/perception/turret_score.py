@@ -14,18 +14,18 @@ from host.perception.turret_segments import Returns, Segments
 
 # Weights of the features, in the order of their columns, and the constant.
 FEATURES = {
-    "shape": 0.381,
-    "misfit": -2.013,
-    "on a line": -2.749,
+    "shape": 0.369,
+    "misfit": -1.922,
+    "on a line": -2.640,
     "short nulls": -0.685,
-    "sides with nulls": -2.188,
-    "missing width": -7.255,
-    "missing width, partly hidden": 5.508,
-    "expected returns": 3.184,
-    "hidden on both sides": -4.510,
-    "clear space": 1.546,
+    "sides with nulls": -2.224,
+    "missing width": -7.234,
+    "missing width, partly hidden": 7.250,
+    "expected returns": 3.076,
+    "hidden on both sides": -4.821,
+    "clear space": 1.505,
 }
-CONSTANT = -1.961
+CONSTANT = -1.639
 # The least score of a candidate: what lies below is more often furniture than half a turret.
 LEAST_SCORE = -1.81
 

@@ -35,7 +35,7 @@ def nees(case: Case) -> float | None:
     return float(off[k] @ np.linalg.solve(found.covariances[k], off[k]) / 2.0)
 
 
-# The score was fitted to these rooms, too. Where it was not, tools/fit_turret_score.py reports 1.4
+# The score was fitted to these rooms, too. Where it was not, tools/fit_turret_score.py reports 1.3
 # and 0.9 candidates a revolution.
 @pytest.mark.parametrize(("name", "most"), [("office", 1.1), ("flat", 0.7)])
 def test_furniture_is_seldom_a_candidate(
@@ -48,14 +48,14 @@ def test_furniture_is_seldom_a_candidate(
 
 # Of the turrets that give two returns or more; a dropout may leave none of a far one.
 @pytest.mark.parametrize(
-    ("placing", "least"), [(in_plain_view, 0.96), (before_a_wall, 0.95), (half_hidden, 0.85)]
+    ("placing", "least"), [(in_plain_view, 0.97), (before_a_wall, 0.97), (half_hidden, 0.92)]
 )
 def test_turrets_among_furniture_are_found_and_honest(
     recorded: Callable[[str], File], placing: Placing, least: float
 ) -> None:
     scans = room(recorded("x4_rooms/office.csv.gz"))
-    placed = cases(scans[len(scans) // 2 :], placing, 250, seed=9)
+    placed = cases(scans, placing, 600, seed=9)
     errors = [nees(case) for case in placed if case.hits >= 2]
     found = np.array([error for error in errors if error is not None])
     assert len(found) >= least * len(errors), "seed 9"
-    assert 0.5 < np.mean(np.sort(found)[: int(0.99 * len(found))]) < 1.25, "seed 9"
+    assert 0.75 < np.mean(found) < 1.25, "seed 9"
