@@ -63,3 +63,44 @@ def test_a_folder_that_cannot_be_written_is_reported(programs: Path, tmp_path: P
     said = setup(programs, tmp_path / "file/env", program(programs / "python", "#!/bin/sh\n"))
     assert "file/env cannot be written" in said
     assert "make VENV=$HOME/swarmloc-env run" in said
+
+
+PYTHON = """#!/bin/sh
+[ "$2" = venv ] || exit 0
+mkdir -p "$4/bin" && cp "$0" "$4/bin/python"
+"""
+BETTER = "v4l-utils gcc libc6-dev libsimavr-dev gcc-avr avr-libc arduino-core-avr"
+
+
+@pytest.mark.parametrize(
+    ("user", "apt_get", "said", "called"),
+    [
+        (1000, "exit 9", f"sudo apt-get update && sudo apt-get install -y {BETTER}\n", False),
+        (0, "exit 0", f"installing {BETTER}\n", True),
+        (0, "echo E: no network; exit 100", "without them it runs", True),
+    ],
+)
+def test_packages_that_make_it_better_are_installed_by_root_or_named(
+    programs: Path, tmp_path: Path, user: int, apt_get: str, said: str, called: bool
+) -> None:
+    program(programs / "id", f"#!/bin/sh\necho {user}\n")
+    program(programs / "dpkg-query", "#!/bin/sh\nexit 1\n")
+    calls = tmp_path / "calls"
+    program(programs / "apt-get", f"#!/bin/sh\necho $* >>{calls}\n{apt_get}\n")
+    done = subprocess.run(
+        [ROOT / "tools/setup", tmp_path / "env"],
+        env={
+            "PATH": f"{programs}:/usr/bin:/bin",
+            "PYTHON": str(program(programs / "python", PYTHON)),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert said in done.stderr
+    assert calls.exists() == called
+    if called and apt_get == "exit 0":
+        install = f"install -y --no-install-recommends {BETTER}"
+        assert calls.read_text().splitlines() == ["update", install]
+    assert (tmp_path / "env" / "ready-run").exists()
