@@ -20,11 +20,12 @@ from host.perception.panorama import Extent, Panorama, Single
 from host.perception.strip_geometry import LEVEL_RAD, StripGeometry
 
 _NEAREST_M, _FARTHEST_M, _DISTANCES = 0.3, 4.5, 11
-_MOST_COLOUR = 100  # more green or magenta counts as so much: prints and light differ
+_MOST_COLOUR = 140  # more green or magenta counts as so much: prints and light differ
 _LEAST_SCORE = 24.0
 _CORE_WIDE, _CORE_TALL = 0.85, 0.9  # of the strip's size: its edges fill pixels in part
 _PLACES = 4  # looked at across a box's width and height
 _MOST_PLACES = 400
+_LEAST_THIRDS = 6  # cells across, from which a box has thirds
 _ENOUGH_CELLS = 400.0  # more of them make a score no surer
 _APART = 0.8  # of their mean width: nearer, two are one
 _NEIGHBOURS = np.ones((3, 3), dtype=np.uint8)
@@ -177,31 +178,33 @@ def _peaks(sums: Single, template: Template) -> Iterator[tuple[IntArray, IntArra
 class _Boxes:
     """Means of the boxes at places (n,), each of its own size; of `sums`, an integral image.
 
-    score (n,): the lesser of green and magenta of the strip's halves. outside (n,): how much of the
-    pattern goes on above, below or on a side, the most of them. cells (n,): of both halves.
+    score (n,): the least of green and magenta in the thirds of the strip's halves, so that two
+    strips side by side are not one of twice the size. outside (n,): how much of the pattern goes
+    on above, below or on a side, the most of them. cells (n,): of both halves.
     """
 
     def __init__(self, sums: Single, sizes: IntArray, middle: IntArray, left: IntArray) -> None:
         self.wide, upper, lower = sizes.T
         self.middle, self.left = middle, left
         self.cells = self.wide * (upper + lower)
+        third = np.where(self.wide >= _LEAST_THIRDS, self.wide // 3, self.wide)
+        centre, right = left + (self.wide - third) // 2, left + self.wide - third
         gap, step = np.maximum(1, upper // 3), self.wide + np.maximum(1, self.wide // 3)
-        top, bottom = middle - upper, middle + lower
-        # Each half, in its place and moved to either side; what is above and below.
-        tops = (top, top, top, middle, middle, middle, top - upper - gap, bottom + gap)
-        heights = (upper, upper, upper, lower, lower, lower, upper, lower)
-        lefts = (left, left - step, left + step) * 2 + (left, left)
-        means = _means(sums, np.stack(tops), np.stack(heights), np.stack(lefts), self.wide)
-        green, magenta = means[:3], -means[3:6]
+        columns = np.stack((left, centre, right, left - step, left + step))
+        widths = np.stack((third, third, third, self.wide, self.wide))
+        green = _means(sums, middle - upper, upper, columns, widths)
+        magenta = -_means(sums, middle, lower, columns, widths)
         pairs = np.minimum(green, magenta)
-        self.score = pairs[0]
-        self.outside = np.maximum.reduce([0.0 * means[6], *pairs[1:], means[6], -means[7]])
+        above = _means(sums, middle - 2 * upper - gap, upper, left, self.wide)
+        below = -_means(sums, middle + lower + gap, lower, left, self.wide)
+        self.score = pairs[:3].min(axis=0)
+        self.outside = np.maximum.reduce([0.0 * above, *pairs[3:], above, below])
 
 
 def _means(
     sums: Single, tops: IntArray, heights: IntArray, lefts: IntArray, wide: IntArray
 ) -> FloatArray:
-    """Means over boxes (k, n), cut where the panorama ends; 0 of those outside it."""
+    """Means over boxes (n,) or (k, n), cut where the panorama ends; 0 of those outside it."""
     rows, columns = (size - 1 for size in sums.shape)
     bottoms, rights = np.clip(tops + heights, 0, rows), np.clip(lefts + wide, 0, columns)
     tops, lefts = np.clip(tops, 0, rows), np.clip(lefts, 0, columns)

@@ -24,6 +24,7 @@ _WINDOW_WIDE, _WINDOW_TALL = 0.65, 1.2  # half sizes, in the strip's width and a
 _OVERLAP = 0.5  # of a half's height that the other half's window reaches into it
 _BESIDE = 0.6  # of the strip's width from its middle: no more of it, but the background
 _APART = 0.35  # most of a strip's width between the middles of its halves
+_SAME = 0.4  # of a strip's size between two middles: less is one strip
 _BEYOND = 1.3  # times the reach: what a size may say of the distance
 _LEAST_RATIO, _MOST_RATIO = 0.5, 1.7  # of the distances that area and filter say
 
@@ -41,11 +42,12 @@ class TwoColourSearch:
     def blobs_in(self, picture: Image) -> list[Blob]:
         """Everything that looks like a strip, left to right. picture (rows, columns, 3) BGR."""
         green, magenta = green_and_magenta(picture)
-        found = [
-            self._measured(candidate, green, magenta)
-            for candidate in self._filter.candidates(green, magenta)
-        ]
-        return sorted((blob for blob in found if blob is not None), key=lambda blob: blob.x)
+        found: list[Blob] = []
+        for candidate in self._filter.candidates(green, magenta):
+            blob = self._measured(candidate, green, magenta)
+            if blob is not None and not _seen_already(blob, found):
+                found.append(blob)
+        return sorted(found, key=lambda blob: blob.x)
 
     def _measured(self, candidate: Candidate, green: Image, magenta: Image) -> Blob | None:
         """Weigh the pixels about a candidate; None where nothing of one colour is left."""
@@ -112,6 +114,15 @@ class TwoColourSearch:
             range_m=distance,
             range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
         )
+
+
+def _seen_already(blob: Blob, surer: list[Blob]) -> bool:
+    """Whether its pixels were those of a surer blob, beside which the filter had it."""
+    return any(
+        abs(blob.x - other.x) < _SAME * max(blob.width, other.width)
+        and abs(blob.y - other.y) < _SAME * max(blob.height, other.height)
+        for other in surer
+    )
 
 
 def _reason(template: Template, apart: float, distance: float, reach: float) -> str:

@@ -164,3 +164,13 @@ def test_what_is_too_small_for_the_reach_is_dropped() -> None:
         picture = background(FRONT, 4)
         draw_pair(picture, CAMERAS, FRONT, place(FRONT, 0.3, distance))
         assert len(kept(search, picture)) == count
+
+
+@pytest.mark.parametrize("apart_deg", [5.5, 7.0, 12.0])
+def test_two_strips_side_by_side_are_two_bearings(finder: StripFinder, apart_deg: float) -> None:
+    picture = background(FRONT, 5)
+    true = np.radians([-20.0, -20.0 + apart_deg])
+    for bearing in true:
+        draw_pair(picture, CAMERAS, FRONT, place(FRONT, float(bearing), 1.8))
+    bearings = sorted(blob.bearing_rad for blob in kept(finder, picture))
+    assert np.degrees(bearings) == pytest.approx(np.degrees(true), abs=0.25)
