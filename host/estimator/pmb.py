@@ -15,6 +15,7 @@ import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
 from host.estimator.association import associate
+from host.estimator.duplicates import duplicates
 from host.estimator.evidence import likeness, new_share
 from host.estimator.gaussian_mixture import PXX, PXY, PYY
 from host.estimator.gaussian_mixture import WEIGHT as TOTAL
@@ -25,7 +26,7 @@ from host.estimator.static_world import StaticWorld
 from host.estimator.thing_modes import (
     MODES,
     OBSTACLE,
-    STANDING,
+    PARKED,
     STATIC,
     TEAMMATE,
     ThingModes,
@@ -34,14 +35,14 @@ from host.estimator.thing_modes import (
 from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
-# What is kept of each Bernoulli beside its Gaussians: when the lidar last placed it and when a
-# picture last had it in view (s), its label (0 until it is reported).
-SEEN, PICTURED, LABEL = range(3)
+# What is kept of each Bernoulli beside its Gaussians: when the lidar last placed it (s) and with
+# which variance (m²), when a picture last had it in view (s), its label (0 until it is reported).
+SEEN, VARIANCE, PICTURED, LABEL = range(4)
 _FADE_S = 1.0  # mean survival beyond the survival range
 _BELIEVED = 0.5  # from this existence on a thing can hide another
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 # Correlation times: misses follow each other, and pictures show the same scene.
-_SCANS_S, _PICTURES_S = 0.2, 0.3
+_SCANS_S, _PICTURES_S = 0.3, 0.3
 _LIDAR_FLOOR_M2 = 0.002**2  # what differs in how a turret looks from place to place
 _LEAST_EXISTENCE = 1e-3  # below this a thing is dropped
 _LONGEST_S = 1.0  # things that appeared longer ago were seen before or have gone
@@ -65,7 +66,7 @@ class PmbFilter:
         self._width, self._reach_m = lidar.target_diameter_m, lidar.max_range_m
         # Weights are the probability that the thing is there and in that mode.
         self._rows = np.zeros((ROWS, MODES, 0))
-        self._tracks = np.zeros((3, 0))
+        self._tracks = np.zeros((4, 0))
         self._time = 0.0
         self._scanned = -math.inf
         self._next_label = 1
@@ -103,11 +104,11 @@ class PmbFilter:
         elapsed = min(measured.time - self._scanned, _LONGEST_S)
         self._scanned = measured.time
         noise = measured.covariances + _LIDAR_FLOOR_M2 * np.eye(2)
-        detected = self._lidar_detection(whole, measured.clearance)
+        detected = self._lidar_detection(rows, whole, measured.clearance)
         pairs = pair_positions(rows, whole, measured, noise, settings.gate)
-        pairs.updated[WEIGHT] *= detected.take(pairs.target)
+        pairs.updated[WEIGHT] *= detected.take(pairs.target, axis=1)
         missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
-        absent = 1.0 - whole[TOTAL] + whole[TOTAL] * missing
+        absent = 1.0 - whole[TOTAL] + (rows[WEIGHT] * missing).sum(axis=0)
         birth = settings.pmb.appear_per_m2_s * elapsed
         remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
@@ -118,19 +119,23 @@ class PmbFilter:
         rows[WEIGHT] *= found.missed * missing / absent
         pairs.updated[WEIGHT] *= found.pairs / np.maximum(mass, 1e-300)
         self._rows = _merged(rows, pairs, whole)
-        self._tracks[SEEN, found.missed < 0.5] = measured.time
+        placed = (found.pairs > 0.5).nonzero()[0]
+        self._tracks[SEEN, pairs.target[placed]] = measured.time
+        self._tracks[VARIANCE, pairs.target[placed]] = _per_axis(noise)[pairs.reading[placed]]
         new = found.unclaimed / background
         self._bear(measured, noise, new * birth, new * known)
-        standing = mixture(self._rows[:, STATIC])
-        there = (standing[TOTAL] > _BELIEVED).nonzero()[0]
-        weights = self._rows[WEIGHT].take(there, axis=1)
-        obstacle = weights[OBSTACLE] / weights.sum(axis=0)
-        self._world.learn(standing.take(there, axis=1), obstacle, remembered, elapsed)
+        self._merge_duplicates()
+        self._remember_obstacles(remembered, elapsed)
 
-    def _lidar_detection(self, whole: FloatArray, measured: FloatArray | None) -> FloatArray:
-        """P_D (n,) of each thing (Perera eq. 18); measured: the scan's own clearance."""
-        bearing, distance, clearance = self._surroundings(whole, measured)
-        return self._lidar.detection(bearing, distance, clearance, measured is not None)
+    def _lidar_detection(
+        self, rows: FloatArray, whole: FloatArray, measured: FloatArray | None
+    ) -> FloatArray:
+        """P_D (MODES, n) of each thing (Perera eq. 18); measured: the scan's own clearance."""
+        _, _, clearance = self._surroundings(whole, measured)
+        x, y = rows[X].ravel(), rows[Y].ravel()
+        bearing, distance = np.arctan2(y, x), np.hypot(x, y)
+        found = self._lidar.detection(bearing, distance, clearance, measured is not None)
+        return found.reshape(MODES, -1)
 
     def _remembered_detection(self, measured: FloatArray | None) -> FloatArray:
         """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance.
@@ -158,11 +163,34 @@ class PmbFilter:
             measured.positions, noise, lags, existence * teammate, existence * obstacle
         )
         born[WEIGHT, OBSTACLE] += known[0]
-        born[WEIGHT, STANDING] += known[1]
-        tracks = np.zeros((3, len(existence)))
+        born[WEIGHT, PARKED] += known[1]
+        tracks = np.zeros((4, len(existence)))
         tracks[SEEN], tracks[PICTURED] = measured.time, -math.inf
+        tracks[VARIANCE] = _per_axis(noise)
         self._rows = np.concatenate((self._rows, born), axis=2)
         self._tracks = np.concatenate((self._tracks, tracks), axis=1)
+
+    def _remember_obstacles(self, remembered: FloatArray, elapsed: float) -> None:
+        """Tell the static world what stands still; remembered (k,): P_D of what it holds."""
+        standing = mixture(self._rows[:, STATIC])
+        there = (standing[TOTAL] > _BELIEVED).nonzero()[0]
+        weights = self._rows[WEIGHT].take(there, axis=1)
+        obstacle = weights[OBSTACLE] / weights.sum(axis=0)
+        self._world.learn(standing.take(there, axis=1), obstacle, remembered, elapsed)
+
+    def _merge_duplicates(self) -> None:
+        """Of two hypotheses of one thing the newer stays, with both weights and the older's label.
+
+        They are exclusive: a reading belongs to one of them.
+        """
+        whole, tracks, weights = mixture(self._rows), self._tracks, self._rows[WEIGHT]
+        gone, kept = duplicates(whole[: Y + 1], tracks[VARIANCE], tracks[SEEN], whole[TOTAL])
+        for i, j in zip(gone, kept, strict=True):
+            there, more = weights[:, j].sum(), weights[:, i].sum()
+            weights[:, j] *= min(1.0, there + more) / max(there, 1e-300)
+            weights[:, i] = 0.0
+            labels = tracks[LABEL, [i, j]]
+            tracks[LABEL, j] = labels[labels > 0.0].min(initial=math.inf) if labels.any() else 0.0
 
     def _update_by_cameras(self, measured: Bearings) -> None:
         """Readings of teammates only: what has no strip is an obstacle, or not there.
@@ -260,6 +288,11 @@ class PmbFilter:
             obstacles=places,
             obstacle_covariances=spreads,
         )
+
+
+def _per_axis(covariances: FloatArray) -> FloatArray:
+    """The mean variance (m,) over the axes of covariances (m, 2, 2)."""
+    return np.asarray(0.5 * np.trace(covariances, axis1=1, axis2=2))
 
 
 def _merged(missed: FloatArray, pairs: Pairs, whole: FloatArray) -> FloatArray:

@@ -27,25 +27,26 @@ from host.estimator.moving_gaussians import (
 )
 from host.messages import Displacement, FloatArray
 
-OBSTACLE, STANDING, MOVING, CRUISING = range(4)
-MODES = 4
-STATIC, TEAMMATE = slice(0, 2), slice(1, 4)
-DYNAMIC = slice(2, 4)
+OBSTACLE, PARKED, STANDING, MOVING, CRUISING = range(5)
+MODES = 5
+STATIC, DYNAMIC, TEAMMATE = slice(0, 3), slice(3, 5), slice(1, 5)
 
-# From mode to mode, 1/s. The chain has neighbours only, so its eigenvalues are real.
+# From mode to mode, 1/s. The chain has neighbours only, so its eigenvalues are real. A parked
+# robot stands for minutes, as an obstacle does for ever: lest standing long speak for an obstacle.
 _RATES = np.array(
     [
-        [0.0, 0.01, 0.0, 0.0],
-        [1e-5, 0.0, 0.5, 0.0],
-        [0.0, 0.5, 0.0, 1.0],
-        [0.0, 0.0, 0.7, 0.0],
+        [0.0, 1e-4, 0.0, 0.0, 0.0],
+        [1e-5, 0.0, 0.01, 0.0, 0.0],
+        [0.0, 0.01, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 1.0],
+        [0.0, 0.0, 0.0, 0.7, 0.0],
     ]
 )
-_STANDING_SHARE = 0.2  # of the teammates that appear
+_AT_BIRTH = np.array([0.1, 0.1, 0.33, 0.47])  # of teammates, the share in each of their modes
 # Acceleration noise m²/s³ and correlation time s of the velocity.
-_NOISE = np.array([0.0, 0.0, 0.1, 0.002])
-_TIMES = np.array([1.0, 1.0, 3.0, 20.0])
-_MOVES = np.array([0.0, 0.0, 1.0, 1.0])
+_NOISE = np.array([0.0, 0.0, 0.0, 0.1, 0.002])
+_TIMES = np.array([1.0, 1.0, 1.0, 3.0, 20.0])
+_MOVES = np.array([0.0, 0.0, 0.0, 1.0, 1.0])
 
 
 class ThingModes:
@@ -57,8 +58,6 @@ class ThingModes:
         generator = _RATES - np.diag(_RATES.sum(axis=1))
         self._eigenvalues, self._vectors = np.linalg.eig(generator)
         self._inverse = np.linalg.inv(self._vectors)
-        moving = np.array([0.7, 1.0]) / 1.7  # as the chain has them in the long run
-        self._of_teammates = np.array([_STANDING_SHARE, *(1.0 - _STANDING_SHARE) * moving])
 
     def predict(self, rows: FloatArray, motion: Displacement) -> FloatArray:
         """Mix the modes, move each on, and take all into the robot's new frame (ROWS, MODES, n)."""
@@ -119,7 +118,7 @@ class ThingModes:
             rows[both, DYNAMIC] = lags * variance
             rows[velocity, DYNAMIC] = variance
         rows[WEIGHT, OBSTACLE] = obstacle
-        rows[WEIGHT, TEAMMATE] = self._of_teammates[:, None] * teammate
+        rows[WEIGHT, TEAMMATE] = _AT_BIRTH[:, None] * teammate
         return rows
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from host.config import FilterSettings, Lidar, RobotConfig
+from host.config import FilterSettings, Lidar, PmbSettings, RobotConfig
 from host.estimator.interface import Filter
 from host.estimator.profiles import filter_entry
 from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Instant, Row
@@ -52,6 +52,13 @@ MRCLAM_ROBOT = RobotConfig(
         report_weight=0.3,
         forget_weight=0.05,
         report_sigma_m=0.4,
+        # Who is read is a robot, or a landmark, which is not scored; robots drive at 6.5 cm/s.
+        pmb=PmbSettings(
+            speed_mps=0.065,
+            appear_per_m2_s=0.1,
+            obstacle_share=0.0,
+            report_error_m=MRCLAM_CUT_OFF_M,
+        ),
     ),
 )
 

@@ -72,7 +72,7 @@ def test_motion_is_that_of_the_stochastic_integral(mode: int, dt: float) -> None
 
 
 def test_what_stands_or_is_an_obstacle_does_not_move() -> None:
-    rows = thing([0.5, 0.5, 0.0, 0.0])
+    rows = thing([0.5, 0.0, 0.5, 0.0, 0.0])
     rows[WEIGHT, STANDING:] = 0.0
     after = moved(rows, 2.0)
     assert after[COVARIANCE, OBSTACLE, 0][:3] == pytest.approx([1e-4, 0.0, 1e-4], rel=1e-3)
@@ -81,14 +81,14 @@ def test_what_stands_or_is_an_obstacle_does_not_move() -> None:
 
 
 def test_what_starts_to_move_may_have_any_velocity() -> None:
-    after = moved(thing([0.0, 1.0, 0.0, 0.0]), 0.01)
+    after = moved(thing([0.0, 0.0, 1.0, 0.0, 0.0]), 0.01)
     assert after[MEAN, MOVING, 0] == pytest.approx([1.0, 2.0, 0.0, 0.0])
     velocity = after[COVARIANCE, MOVING, 0][[7, 8, 9]]
     assert velocity == pytest.approx([SPEED**2, 0.0, SPEED**2], rel=0.05)
 
 
 def test_the_robots_own_motion_moves_everything_the_other_way() -> None:
-    rows = thing([1.0, 0.0, 0.0, 1e-6])
+    rows = thing([1.0, 0.0, 0.0, 0.0, 1e-6])
     rows[VELOCITY, CRUISING, 0] = 0.1, 0.0
     after = moved(rows, 1e-6, dx=0.5, dy=0.0, dpsi=0.5 * math.pi)
     assert after[MEAN, OBSTACLE, 0] == pytest.approx([2.0, -0.5, 0.0, 0.0], abs=1e-6)
@@ -96,7 +96,7 @@ def test_the_robots_own_motion_moves_everything_the_other_way() -> None:
 
 
 def test_a_heading_error_spreads_across_the_ray_and_turns_velocities() -> None:
-    rows = thing([0.0, 0.0, 1e-9, 1.0])
+    rows = thing([0.0, 0.0, 0.0, 1e-9, 1.0])
     rows[VELOCITY, CRUISING, 0] = 0.1, 0.0
     step = Displacement(1e-9, 1e-9, 0.0, 0.0, 0.0, 0.01, 0.04)
     before = rows[COVARIANCE, CRUISING, 0][ENTRY]
@@ -108,7 +108,7 @@ def test_a_heading_error_spreads_across_the_ray_and_turns_velocities() -> None:
 
 def test_the_whole_has_the_moments_of_the_modes() -> None:
     random = np.random.default_rng(1)
-    rows = thing([0.1, 0.2, 0.3, 0.2])
+    rows = thing([0.1, 0.1, 0.1, 0.3, 0.2])
     rows[MEAN, :, 0] += random.normal(0.0, 0.1, (4, MODES))
     draws = [
         random.multivariate_normal(rows[:2, k, 0], rows[COVARIANCE, k, 0][ENTRY][:2, :2], 20_000)
