@@ -17,6 +17,7 @@ _NEAREST_NOISE_M = 0.3  # nearer than this the range noise stays what it is ...
 _FAR_NOISE_M = 5.0  # ... and here it is twice as much as in proportion (recorded X4s)
 _RIM_RAD = 0.00125  # of each end of the arc gives no return, on average
 _LEAST_SPACINGS = 0.3  # no end is known better than to this share of the samples' spacing
+_FREE_END = 0.9  # spacings: where the arc may end that nothing nearer hides, seen with its shape
 _WANDER_RAD = 0.0007  # of all bearings of a revolution together (recorded X4s: up to 0.003)
 _LOST_ENDS = 0.02  # share of the arcs whose ends do not return for another reason
 _ODD_RESIDUAL = 3.0  # in units of the noise: what is off by more belongs half to what is behind
@@ -66,7 +67,7 @@ def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, Flo
     # Half a width from the free end, which lies half a spacing beyond its last return.
     offset = np.maximum(0.5 * (spare - spacing), 0.0) * (1.0 * hidden[1] - hidden[0])
     interval = np.where(hidden[0] & hidden[1], spare, interval)
-    interval = np.where(one_hidden, np.minimum(spare, spacing), interval)
+    interval = np.where(one_hidden, np.minimum(spare, _FREE_END * spacing), interval)
     interval = np.sqrt((1.0 - _LOST_ENDS) * interval**2 + _LOST_ENDS * spare**2) + over
     interval = np.maximum(interval, _LEAST_SPACINGS * spacing)
     std = np.hypot(interval / np.sqrt(12.0), _WANDER_RAD)

@@ -14,20 +14,20 @@ from host.perception.turret_segments import Returns, Segments
 
 # Weights of the features, in the order of their columns, and the constant.
 FEATURES = {
-    "shape": 0.369,
-    "misfit": -1.922,
-    "on a line": -2.640,
-    "short nulls": -0.685,
-    "sides with nulls": -2.224,
-    "missing width": -7.234,
-    "missing width, partly hidden": 7.250,
-    "expected returns": 3.076,
-    "hidden on both sides": -4.821,
-    "clear space": 1.505,
+    "shape": 0.367,
+    "misfit": -1.926,
+    "on a line": -2.597,
+    "short nulls": -0.686,
+    "sides with nulls": -2.239,
+    "missing width": -7.247,
+    "missing width, partly hidden": 7.413,
+    "expected returns": 3.073,
+    "hidden on both sides": -4.868,
+    "clear space": 1.502,
 }
-CONSTANT = -1.639
+CONSTANT = -1.596
 # The least score of a candidate: what lies below is more often furniture than half a turret.
-LEAST_SCORE = -1.81
+LEAST_SCORE = -1.80
 
 _WEIGHTS = np.array(list(FEATURES.values()))
 _CLEAR = 20.0  # turret widths: further away it does not matter where the nearest return is
