@@ -174,6 +174,7 @@ class Pipe:
         self._splitter = Splitter()
         self._superseded = 0
         self._has_writer = False
+        self._arrived = clock()  # the last data
         try:
             self._pipe = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
@@ -196,11 +197,15 @@ class Pipe:
         if not data:
             return None
         self._has_writer = True
+        before, self._arrived = self._arrived, self._clock()
+        endless = self._splitter.counts["without_end"]
         pictures = self._splitter.feed(data)
         if not pictures:
             return None
         self._superseded += len(pictures) - 1
-        return CameraFrame(pictures[-1], self._clock())
+        # Without its end mark a picture is known only when the next begins, a period later.
+        late = self._splitter.counts["without_end"] > endless
+        return CameraFrame(pictures[-1], before if late else self._arrived)
 
     def _take(self) -> bytes | None:
         """What has come; b"" where there is no writer, None where it has written nothing."""

@@ -1,9 +1,8 @@
 """Controls of a camera that are set, read back, and held against what changes them."""
 
-import errno
 from typing import Protocol
 
-from host.drivers.camera.v4l2_device import ControlRange
+from host.drivers.camera.v4l2_device import GONE, ControlRange
 
 # Numbers of linux/v4l2-controls.h.
 AUTO_EXPOSURE, EXPOSURE, DYNAMIC_RATE = 0x9A0901, 0x9A0902, 0x9A0903
@@ -31,7 +30,6 @@ PLAIN = (
 
 EXPOSURE_UNIT_S = 1e-4
 TOLERANCE = 0.02  # of a value that reads back
-_GONE = (errno.ENODEV, errno.ENXIO, errno.EBADF)
 
 
 class Adjustable(Protocol):
@@ -113,7 +111,7 @@ class HeldControls:
         try:
             camera.set(control, value)
         except OSError as error:
-            if error.errno in _GONE:
+            if error.errno in GONE:
                 raise
             return None
         return read(camera, control)
@@ -124,7 +122,7 @@ def read(camera: Adjustable, control: int) -> int | None:
     try:
         return camera.get(control)
     except OSError as error:
-        if error.errno in _GONE:
+        if error.errno in GONE:
             raise
         return None
 

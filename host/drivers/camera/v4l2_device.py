@@ -49,6 +49,7 @@ S_CTRL = _request(3, 28, struct.calcsize(_VALUE))
 QUERYCTRL = _request(3, 36, struct.calcsize(_DESCRIPTION))
 ENUM_FRAMESIZES = _request(3, 74, struct.calcsize(_SIZES))
 
+GONE = (errno.ENODEV, errno.ENXIO, errno.EBADF)  # the device is no longer there
 MJPG = int.from_bytes(b"MJPG", "little")
 _CAPTURE, _MMAP = 1, 1  # buffer type and memory; the capability bit of capturing is 1, too
 _DAMAGED = 0x40  # V4L2_BUF_FLAG_ERROR
@@ -158,14 +159,14 @@ class VideoDevice:
         return Buffer(data, seconds + 1e-6 * micros, sequence, bool(flags & _DAMAGED))
 
     def range_of(self, control: int) -> ControlRange | None:
-        """What the control can be set to; None where the device has no such control."""
+        """What the control can be set to; None where the device has none that answers."""
         asked = struct.pack(_DESCRIPTION, control, 0, b"", *[0] * 7)
         try:
             answer = struct.unpack(_DESCRIPTION, self._ask(QUERYCTRL, asked))
         except OSError as error:
-            if error.errno in (errno.EINVAL, errno.ENOTTY):
-                return None
-            raise
+            if error.errno in GONE:
+                raise
+            return None
         _, _, _, minimum, maximum, _, default, flags, _, _ = answer
         if flags & (_DISABLED | _READ_ONLY):
             return None

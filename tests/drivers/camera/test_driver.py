@@ -209,6 +209,21 @@ def test_of_pictures_that_came_together_the_newest_is_taken(bench: Bench, pipe: 
         bench.wait(lambda: any(h.counts.get("superseded") == 2 for h in bench.health()))
 
 
+def test_pictures_without_end_marks_have_the_time_of_their_own_bytes(
+    bench: Bench, pipe: Path
+) -> None:
+    bench.run(pipe)
+    written = []
+    with pipe.open("wb", buffering=0) as writer:
+        for k in range(4):
+            writer.write(jpeg(k)[:-2])
+            time.sleep(0.4)
+            written.append(time.monotonic())
+        bench.wait(lambda: len(bench.pictures()) == 3)
+    for picture, after in zip(bench.pictures(), written, strict=False):
+        assert after - 1.0 < picture.time < after - 0.1  # not when the next one began
+
+
 def test_a_pipe_that_is_made_anew_is_opened_anew(bench: Bench, pipe: Path) -> None:
     bench.run(pipe)
     with pipe.open("wb", buffering=0) as writer:
