@@ -21,13 +21,14 @@ from host.estimator.gaussian_mixture import (
     predict_mixture,
     update_by_positions,
 )
-from host.messages import Displacement, FloatArray, IntArray, Positions
+from host.messages import BoolArray, Displacement, FloatArray, IntArray, Positions
 
 # Mean times before an obstacle is no longer believed in: out of view, and where it should be seen.
 # The latter is longer than a teammate's, for some are thin and seldom found.
 _REMEMBERED_S, _DOUBTED_S = 300.0, 1.0
 _LOST_M2 = 0.5**2  # variance per axis beyond which nothing can be found again
 _IN_VIEW = 0.5  # from this P_D on a miss speaks against an obstacle; less is no plain view
+_SETTLED_S = 1.0  # a thing that stood for less is not reported, and forgotten when it is gone
 _SURE = 0.8  # from this probability on a thing is remembered as an obstacle
 _BELIEVED = 0.5
 
@@ -43,6 +44,7 @@ class StaticWorld:
         self.rows = np.zeros((ROWS, 0))
         self._alone = np.zeros(0, dtype=bool)  # for which no Bernoulli stands
         self._doubts = np.zeros(0)  # probability of a teammate that stands instead
+        self._seen_s = np.zeros(0)  # for how long it was seen, altogether
 
     def predict(self, motion: Displacement) -> None:
         """Carry all into the robot's new frame; what is known too badly there is forgotten."""
@@ -52,8 +54,11 @@ class StaticWorld:
         self.rows[WEIGHT] *= math.exp(-motion.interval / _REMEMBERED_S)
         kept = self.rows[PXX] + self.rows[PYY] < 2.0 * _LOST_M2
         kept &= self.rows[WEIGHT] > 0.5 * _BELIEVED
-        self.rows = self.rows[:, kept]
-        self._alone, self._doubts = self._alone[kept], self._doubts[kept]
+        self._keep(kept)
+
+    def _keep(self, kept: BoolArray) -> None:
+        self.rows, self._alone = self.rows[:, kept], self._alone[kept]
+        self._doubts, self._seen_s = self._doubts[kept], self._seen_s[kept]
 
     def intensity(self, measured: Positions, noise: FloatArray, detected: FloatArray) -> FloatArray:
         """Expected readings (2, m) of what no Bernoulli stands for, 1/m², where they were made.
@@ -87,18 +92,23 @@ class StaticWorld:
         """
         if not self.rows.shape[1] + standing.shape[1]:
             return
-        again = self._seen_again(standing)
+        again, now = self._seen_again(standing)
+        seen_s = np.zeros(standing.shape[1])
+        seen_s[now] = self._seen_s[again] + elapsed
         self.rows[WEIGHT] *= np.exp(-(elapsed / _DOUBTED_S) * (detected > _IN_VIEW))
-        unseen = np.delete(self.rows, again, axis=1)
+        unseen = self._seen_s >= _SETTLED_S  # what was seen for a moment is not worth it
+        unseen[again] = False
+        self._keep(unseen)
         sure = (obstacle > _SURE).nonzero()[0]
         learnt = standing.take(sure, axis=1)
         learnt[WEIGHT] = 1.0
-        self.rows = np.concatenate((unseen, learnt), axis=1)
-        self._alone = np.arange(self.rows.shape[1]) < unseen.shape[1]
-        self._doubts = np.append(np.delete(self._doubts, again), 1.0 - obstacle.take(sure))
+        self._alone = np.arange(self.rows.shape[1] + len(sure)) < self.rows.shape[1]
+        self.rows = np.concatenate((self.rows, learnt), axis=1)
+        self._doubts = np.append(self._doubts, 1.0 - obstacle.take(sure))
+        self._seen_s = np.append(self._seen_s, seen_s.take(sure))
 
-    def _seen_again(self, standing: FloatArray) -> IntArray:
-        """Which of those remembered are among the things (6, n): both are each other's nearest."""
+    def _seen_again(self, standing: FloatArray) -> tuple[IntArray, IntArray]:
+        """Pairs (p,), (p,) of what is remembered and things (6, n), each other's nearest."""
         i, j = gated_pairs(self.rows, *_places(standing), self._gate)
         apart = np.hypot(*(self.rows[: Y + 1, i] - standing[: Y + 1, j]))
         order = np.argsort(apart, kind="stable")
@@ -107,11 +117,12 @@ class StaticWorld:
         nearest_of_i[np.unique(i, return_index=True)[1]] = True
         nearest_of_j = np.zeros(len(j), dtype=bool)
         nearest_of_j[np.unique(j, return_index=True)[1]] = True
-        return np.asarray(i[nearest_of_i & nearest_of_j])
+        mutual = nearest_of_i & nearest_of_j
+        return i[mutual], j[mutual]
 
     def believed(self) -> tuple[FloatArray, FloatArray]:
         """Those that are probably still there: positions (n, 2) m, covariances (n, 2, 2) m²."""
-        return _places(self.rows[:, self.rows[WEIGHT] > _BELIEVED])
+        return _places(self.rows[:, (self.rows[WEIGHT] > _BELIEVED) & (self._seen_s >= _SETTLED_S)])
 
 
 def _places(rows: FloatArray) -> tuple[FloatArray, FloatArray]:

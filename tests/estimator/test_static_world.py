@@ -24,7 +24,9 @@ def obstacles(*places: tuple[float, float], variance: float = NOISE_M2) -> np.nd
 
 def world_of(*places: tuple[float, float], variance: float = NOISE_M2) -> StaticWorld:
     world = StaticWorld(gate=16.0)
-    world.learn(obstacles(*places, variance=variance), np.ones(len(places)), np.zeros(0), 1.0)
+    for known in (0, len(places)):
+        things = obstacles(*places, variance=variance)
+        world.learn(things, np.ones(len(places)), np.zeros(known), 1.0)
     return world
 
 
@@ -143,7 +145,9 @@ def test_a_frame_that_turns_takes_them_along() -> None:
 def test_what_is_known_of_a_thing_is_remembered_with_its_doubts() -> None:
     world = StaticWorld(gate=16.0)
     things = obstacles((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
-    world.learn(things, np.array([0.97, 0.85, 0.4]), np.zeros(0), 1 / 7)
+    for k in range(9):
+        assert len(world.believed()[0]) == 0
+        world.learn(things, np.array([0.97, 0.85, 0.4]), np.zeros(2 if k else 0), 1 / 8)
     places, _ = world.believed()
     assert places == pytest.approx(np.array([[1.0, 0.0], [0.0, 1.0]]))
     world.learn(obstacles(), np.zeros(0), np.zeros(2), 1 / 7)
@@ -152,3 +156,12 @@ def test_what_is_known_of_a_thing_is_remembered_with_its_doubts() -> None:
     # One that turns out to be a teammate has a Bernoulli, and is no obstacle any more.
     world.learn(obstacles((1.0, 0.0)), np.array([0.1]), np.zeros(2), 1 / 7)
     assert world.believed()[0] == pytest.approx(np.array([[0.0, 1.0]]))
+
+
+def test_what_stood_for_a_moment_only_is_no_obstacle_and_forgotten_at_once() -> None:
+    world = StaticWorld(gate=16.0)
+    for k in range(4):
+        world.learn(obstacles((1.0, 0.0)), np.ones(1), np.zeros(min(k, 1)), 1 / 7)
+    assert len(world.believed()[0]) == 0
+    world.learn(obstacles(), np.zeros(0), np.zeros(1), 1 / 7)
+    assert world.rows.shape == (ROWS, 0)
