@@ -170,7 +170,7 @@ def _groups(rows: FloatArray) -> tuple[IntArray, IntArray]:
 
     From the heaviest on, each takes along what is left within _MERGE_DISTANCE by its covariance.
     """
-    into, leaders = np.full(rows.shape[1], -1), []
+    into, leaders = np.full(rows.shape[1], -1), list[int]()
     for heaviest in np.argsort(-rows[WEIGHT], kind="stable"):
         if into[heaviest] >= 0:
             continue
@@ -178,5 +178,5 @@ def _groups(rows: FloatArray) -> tuple[IntArray, IntArray]:
         pxx, pxy, pyy = rows[PXX : PYY + 1, heaviest]
         square = (pyy * dx * dx - 2.0 * pxy * dx * dy + pxx * dy * dy) / (pxx * pyy - pxy * pxy)
         into[(into < 0) & (square <= _MERGE_DISTANCE**2)] = len(leaders)
-        leaders.append(heaviest)
+        leaders.append(int(heaviest))
     return into, np.array(leaders, dtype=np.int64)

@@ -147,7 +147,7 @@ def test_what_is_close_merges_into_the_heaviest_by_matching_moments():
     thesis = holding([1.0, 0.5])
     before = thesis.estimate()
     (mean,), (matrix,) = before.positions, before.covariances
-    reading = mean + [0.03, -0.02]
+    reading = mean + np.array([0.03, -0.02])
     thesis.update(seen(reading))
     after = thesis.estimate()
     gain = matrix @ np.linalg.inv(matrix + 0.0025 * np.eye(2))
