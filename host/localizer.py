@@ -8,11 +8,13 @@ import copy
 import dataclasses
 import heapq
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 
 from host.config import RobotConfig
+from host.estimator.consistency import Consistency
 from host.estimator.interface import Filter
 from host.geometry import Path, rotation, to_frame, to_parent
 from host.message_checks import fault
@@ -56,8 +58,10 @@ class Localizer:
         self.dropped = 0  # measurements that came too late
         self.malformed = 0  # messages that cannot be what they claim to be
         self.fault: str | None = None  # what was wrong with the last one of these
+        self.consistency = Consistency()
         self._config = config
         self._filter = estimator
+        self._recent: deque[Estimate] = deque(maxlen=8)  # of the time that pictures are late by
         self._used = used
         self._path = Path()
         self._waiting: list[tuple[float, int, Measurement]] = []
@@ -153,18 +157,28 @@ class Localizer:
         readings = measurement
         if isinstance(readings, Scan):
             readings = turrets.find(readings, self._config.lidar, self._path)
-        readings = self._to_present(readings)
+        present = self._to_present(readings)
         try:
-            self._filter.update(readings)
+            self._filter.update(present)
         except ValueError:
-            wrong = fault(readings)
+            wrong = fault(present)
             if wrong is None:
                 raise  # it is the filter that cannot go on
             self._drop(wrong)
             return []
+        self._compare(readings)
         estimate = self._filter.estimate()
+        self._recent.append(estimate)
         self._used(measurement, readings)
         return [estimate]
+
+    def _compare(self, readings: Positions | Bearings) -> None:
+        """Note how well the readings fit what was known before them."""
+        if isinstance(readings, Positions):
+            self.consistency.take_positions(readings, self._path)
+        elif self._recent:
+            known = min(self._recent, key=lambda estimate: abs(estimate.time - readings.time))
+            self.consistency.take_bearings(readings, known, self._path)
 
     def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
         """The same readings in the robot frame at the filter's time; they keep their lag."""

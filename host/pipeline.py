@@ -24,6 +24,7 @@ _HEALTH_S = 1.0
 _STANDSTILL_S = 3.0  # without a report of the localizer, which is due every second
 _NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
+NOISE = "noise settings"
 _POLL_S = 0.1
 _JOIN_S = 5.0  # for a device to stop its motor and close its port
 
@@ -273,3 +274,7 @@ class Pipeline:
             reason = f"stood still for {seconds:.0f} s: this computer was suspended or is too slow"
         ok = not dropped and not malformed and seconds <= _STANDSTILL_S
         self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))
+        noise = self._localizer.consistency
+        if noise.known:
+            wrong = noise.fault()
+            self._deliver(Health(now, NOISE, wrong is None, wrong or noise.summary(), {}))
