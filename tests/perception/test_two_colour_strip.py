@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
@@ -174,3 +176,31 @@ def test_two_strips_side_by_side_are_two_bearings(finder: StripFinder, apart_deg
         draw_pair(picture, CAMERAS, FRONT, place(FRONT, float(bearing), 1.8))
     bearings = sorted(blob.bearing_rad for blob in kept(finder, picture))
     assert np.degrees(bearings) == pytest.approx(np.degrees(true), abs=0.25)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(-1.5, 1.5),
+    st.floats(-math.pi, math.pi),
+    st.floats(0.05, 1.5),
+    st.floats(60.0, 400.0),
+    st.floats(0.05, 1.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_any_mounting_and_any_picture_give_finite_answers(
+    tilt: float, roll: float, z: float, focal: float, height: float, seed: int
+) -> None:
+    camera = Camera(
+        width_px=320, height_px=180, focal_px=focal, centre_x_px=159.5, centre_y_px=89.5,
+        tilt_rad=tilt, roll_rad=roll, z_m=z,
+    )  # fmt: skip
+    cameras = Cameras(strip=Strip(pattern="two_colours", height_m=height))
+    random = np.random.default_rng(seed)
+    coarse = random.choice(np.array([GREEN_BGR, MAGENTA_BGR, GREY_BGR]), (18, 32)).astype(np.uint8)
+    picture = np.kron(coarse, np.ones((10, 10, 1), dtype=np.uint8))
+    found = StripFinder(cameras, camera).find(encode(picture, 90), 0.0)
+    assert found is not None
+    assert found.ranges is not None
+    assert np.isfinite(found.bearings).all()
+    assert (found.variances > 0.0).all()
+    assert (found.ranges > 0.0).all()
