@@ -161,7 +161,7 @@ class PmbSettings(Section):
 class FilterSettings(Section):
     """Which filter runs, and its settings (chosen in docs/filters.md)."""
 
-    profile: Annotated[str, AfterValidator(_registered(FILTERS))] = "phd"
+    profile: Annotated[str, AfterValidator(_registered(FILTERS))] = "pmb"
     motion_noise_m: float = Field(0.09, gt=0.0, lt=5.0)  # std per axis after 1 s
     motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # growth of its square while unseen
     obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # share of the things that appear

@@ -34,7 +34,7 @@ to have them, too: pip install 'swarmloc[figures]'"""
     short_help="Filters against truth, in figures.",
     epilog="""\b
 Examples:
-  swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters phd,clairvoyant
+  swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters pmb,clairvoyant
   swarmloc evaluate today.swarmloc --json figures.json
   swarmloc evaluate swarm20:seconds=300 --figures results
   swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
@@ -42,7 +42,7 @@ Examples:
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option(
     "--filters",
-    default="perera2021,phd,clairvoyant",
+    default="perera2021,phd,pmb,clairvoyant",
     show_default=True,
     help=f"Which filters, of {', '.join(FILTERS.names())}.",
 )
