@@ -57,9 +57,15 @@ class HeldControls:
         self._found: dict[int, int] = {}  # what the camera had before
 
     def check(self, camera: Adjustable) -> list[str]:
-        """Read back all that is held, set again what drifted, which is returned in words."""
+        """Read back all that is held, set again what drifted, which is returned in words.
+
+        What an automatic chooses that cannot be switched off is left alone.
+        """
+        chosen = {value for automatic, value in _AUTOMATIC.items() if automatic in self.remarks}
         drifted = []
         for control, value in tuple(self.held.items()):
+            if control in chosen:
+                continue
             now = read(camera, control)
             if now is not None and not _near(now, value):
                 self.hold(camera, control, value)
