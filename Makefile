@@ -42,7 +42,8 @@ lint: $(VENV)/ready-dev
 	$(BIN)/mypy
 
 bench: $(VENV)/ready-bench
-	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; $(BIN)/python "$$bench"; done
+	@set -e; for bench in tools/bench/*.py; do echo "== $$bench"; \
+	  $(BIN)/python -m "$$(echo $${bench%.py} | tr / .)"; done
 
 figures: $(VENV)/ready-test
 	$(BIN)/python -m tools.renew_figures $(if $(ONLY),--only $(ONLY)) $(if $(FILTERS),--filters $(FILTERS))

@@ -3,9 +3,7 @@
 The scene: n targets on a slow random walk in a square of 1.8 m² a target (20 in 6x6 m), the
 observer standing in its middle; every scan (7 Hz) detects each with probability 0.9 and a noise
 of 5 cm, amid false alarms of constant density: 5 a scan at n = 20, so n / 4. Both filters know
-just that. Stone Soup's is the GM-PHD of its gallery (PHDUpdater, GaussianMixtureHypothesiser over
-a DistanceHypothesiser, GaussianMixtureReducer), as it stands and with its KD-trees. Of the trees,
-the distance limit grows with a component's covariance: a fixed one would cut off the wide birth.
+just that. Stone Soup's is the GM-PHD of its gallery (tools/stone_soup.py), plain and with KD-trees.
 
 Times are CPU times of one scan: predict, update and estimate; ours also `update` alone. They were
 taken alternating with Stone Soup's (`interleaved`) and then, over more scans, by ourselves
@@ -17,35 +15,17 @@ import argparse
 import json
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # an optional tree that is not used here
-    from stonesoup.hypothesiser.distance import DistanceHypothesiser
-    from stonesoup.hypothesiser.gaussianmixture import (
-        GaussianMixtureHypothesiser,
-        GaussianMixtureKDTreeHypothesiser,
-    )
-    from stonesoup.measures import Mahalanobis
-    from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
-    from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk
-    from stonesoup.predictor.kalman import KalmanPredictor
-    from stonesoup.types.detection import Detection
-    from stonesoup.types.state import TaggedWeightedGaussianState
-    from stonesoup.updater.kalman import KalmanUpdater
-    from stonesoup.updater.pointprocess import PHDUpdater
 
 from host.config import FilterSettings, Lidar
 from host.estimator.phd import PhdFilter
 from host.evaluation.metrics import gospa
 from host.messages import Displacement, FloatArray, Positions
+from tools.stone_soup import GmPhd, Model, constant_walk
 
 RATE_HZ = 7.0
 AREA_PER_TARGET_M2 = 36.0 / 20.0
@@ -67,7 +47,7 @@ RATIO_AT = (20, 500)
 MOST_UPDATE_MS, UPDATE_AT = 0.2, 20
 MOST_GROWTH, GROWTH_FROM_TO = 7.0, (100, 500)
 
-# Our settings for this sensor: it sees everything in its range alike, and only teammates.
+# Ours for this sensor: it sees everything in its range alike, and only teammates.
 LIDAR = Lidar(
     target_diameter_m=0.011,
     min_range_m=0.0,
@@ -141,61 +121,19 @@ class Ours:
         return positions, time.process_time() - begin, updated - predicted
 
 
-class StoneSoup:
-    """Stone Soup's GM-PHD over the same model; a step gives the estimates and the CPU seconds."""
-
-    def __init__(self, scene: Scene, trees: bool) -> None:
-        self._epoch = datetime(2020, 1, 1)
-        walk = RandomWalk(MOTION_M**2)
-        predictor = KalmanPredictor(CombinedLinearGaussianTransitionModel([walk, walk]))
-        self._sensor = LinearGaussian(2, (0, 1), NOISE_M**2 * np.eye(2))
-        kalman = KalmanUpdater(self._sensor)
-        self._updater = PHDUpdater(
-            kalman,
-            clutter_spatial_density=CLUTTER_PER_M2,
-            prob_detection=DETECTION_PROBABILITY,
-            prob_survival=float(np.exp(-1.0 / RATE_HZ / SURVIVAL_S)),
-        )
-        base = DistanceHypothesiser(predictor, kalman, Mahalanobis(), missed_distance=4.0)
-        if trees:
-            self._hypothesiser = GaussianMixtureKDTreeHypothesiser(
-                base,
-                predictor=predictor,
-                updater=kalman,
-                max_distance_covariance_multiplier=100.0,  # m per m²: 0.5 m for a well known target
-                order_by_detection=True,
-            )
-        else:
-            self._hypothesiser = GaussianMixtureHypothesiser(base, order_by_detection=True)
-        self._reducer = GaussianMixtureReducer(
-            prune_threshold=PRUNE_WEIGHT,
-            merge_threshold=4.0,
-            kdtree_max_distance=0.5 if trees else None,
-        )
-        self._birth_variance = (scene.side / 2.0) ** 2
-        self._birth_weight = BIRTH_PER_M2 * scene.side**2
-        self._mixture: list[TaggedWeightedGaussianState] = []
-
-    def step(self, now: float, readings: FloatArray) -> tuple[FloatArray, float]:
-        stamp = self._epoch + timedelta(seconds=now)
-        detections = {
-            Detection(reading[:, None], timestamp=stamp, measurement_model=self._sensor)
-            for reading in readings
-        }
-        begin = time.process_time()
-        birth = TaggedWeightedGaussianState(
-            np.zeros((2, 1)),
-            self._birth_variance * np.eye(2),
-            weight=self._birth_weight,
-            tag=TaggedWeightedGaussianState.BIRTH,
-            timestamp=stamp,
-        )
-        hypotheses = self._hypothesiser.hypothesise([*self._mixture, birth], detections, stamp)
-        updated = self._updater.update(hypotheses)
-        self._mixture = self._reducer.reduce(updated.components)
-        found = [component.state_vector for component in self._mixture if component.weight > 0.5]
-        spent = time.process_time() - begin
-        return np.array(found, dtype=float).reshape(-1, 2), spent
+def walking(scene: Scene) -> Model:
+    """The scene as it is."""
+    return Model(
+        constant_walk(MOTION_M**2),
+        (0, 1),
+        NOISE_M,
+        DETECTION_PROBABILITY,
+        CLUTTER_PER_M2,
+        float(np.exp(-1.0 / RATE_HZ / SURVIVAL_S)),
+        BIRTH_PER_M2 * scene.side**2,
+        (scene.side / 2.0) ** 2 * np.eye(2),
+        PRUNE_WEIGHT,
+    )
 
 
 @dataclass(frozen=True)
@@ -226,7 +164,8 @@ class Row:
 def measure(scene: Scene, scans: int, alone: int) -> Row:
     """All three over `scans` scans, alternating, then ours over `alone` more."""
     ours = Ours()
-    plain, trees = StoneSoup(scene, trees=False), StoneSoup(scene, trees=True)
+    model = walking(scene)
+    plain, trees = GmPhd(model, trees=False), GmPhd(model, trees=True)
     stream = scene.scans()
     times, scores = [], []
     for index in range(scans):
