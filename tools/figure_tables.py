@@ -67,11 +67,17 @@ def records_of(table: Table, records: Iterable[Record]) -> list[Record]:
 
 
 def rewritten(text: str, records: Sequence[Record]) -> str:
-    """A page with its tables as the records have them. Raises KeyError for an unknown table."""
+    """A page with its tables as the records have them; one without records stays as it is.
+
+    Raises KeyError for an unknown table.
+    """
 
     def fresh(found: re.Match[str]) -> str:
         table = TABLES[found[2]]
-        lines = table.lines(records_of(table, records))
+        its_records = records_of(table, records)
+        if not its_records:
+            return found[0]
+        lines = table.lines(its_records)
         return found[1] + "".join(f"{line}\n" for line in lines) + found[4]
 
     return _TABLE.sub(fresh, text)
@@ -151,7 +157,7 @@ def _faulty(setting: str) -> str:
 
 def _thesis(records: Sequence[Record]) -> Lines:
     """Published numbers beside ours: the mean over the seeds."""
-    ours: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    ours: dict[tuple[str, str, str], list[float | None]] = defaultdict(list)
     published: dict[tuple[str, str], float | None] = {}
     names = list(dict.fromkeys(record["filter"] for record in records))
     for record in sorted(records, key=lambda record: record["source"]):

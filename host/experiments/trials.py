@@ -116,10 +116,14 @@ def _beyond_the_row(instants: list[Instant], sensors: str) -> Record:
         "pairs_p67_m": float(np.percentile(errors, 67.0)) if len(errors) else None,
         "over_time": [[float(t), round(float(m), 4)] for t, m in zip(times, means, strict=True)],
         "published": [
-            [line.measure, line.ours, None if np.isnan(line.published) else line.published]
+            [line.measure, _or_none(line.ours), _or_none(line.published)]
             for line in beside_published(instants, sensors)
         ],
     }
+
+
+def _or_none(value: float) -> float | None:
+    return None if np.isnan(value) else value
 
 
 def _run(trial: Trial) -> runs.Run:

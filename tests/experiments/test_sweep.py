@@ -68,7 +68,7 @@ def test_interrupted_and_resumed_on_a_running_scheduler_the_table_is_the_same(tm
     before = output.read_text().splitlines()
     assert 0 < len(before) < 24
 
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as far:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as far:
         address = far.scheduler_address
         resumed = invoke(*ARGUMENTS, "--output", output, "--scheduler", address)
     assert resumed.exit_code == 0, resumed.output

@@ -95,6 +95,17 @@ def test_a_record_is_the_row_of_evaluate_with_its_settings():
     assert record["settings"] == {}
 
 
+def test_a_teammate_that_is_never_in_range_has_no_figure_and_the_record_is_kept(tmp_path):
+    records = Records(tmp_path / "trials.jsonl")
+    for settings in ("seed=1,robots=1", "seed=3"):  # alone; and with one that stays out of range
+        trial = Trial(f"arena4:seconds=7,{settings}", "phd", "lidar+camera")
+        record = trials.score(trial)
+        records.add(record)
+        assert Records(tmp_path / "trials.jsonl").of([trial]) == [record]
+    assert [theirs for _, _, theirs in record["published"]] == [0.127, 0.026, 0.002]
+    assert None in [ours for _, ours, _ in record["published"]]
+
+
 def test_a_setting_of_the_filter_and_one_of_the_lidar_change_what_is_scored():
     robot = RobotConfig()
     plain = trials.score(Trial(SOURCE, "phd", "lidar"))["missed"]
