@@ -6,7 +6,7 @@ at least 95 % of it is in plain view, and as found where a bearing is within 3 d
 is found within 3 deg of no strip in view is false.
 
     .venv/bin/python tools/strip_scenes.py --pattern one_colour [--scenes brick,warm]
-        [--pictures 40] [--seeds 1,2] [--draw FOLDER] [--json FILE]
+        [--pictures 40] [--seeds 1,2] [--draw FILE.jpg] [--json FILE]
 
 Cost is the least CPU time of three passes, the median over pictures.
 """
@@ -24,6 +24,7 @@ import numpy as np
 from host.calibration.camera.colour import annotate
 from host.config import Cameras
 from host.geometry import wrap
+from host.messages import Image
 from host.perception.strips import StripFinder
 from host.simulation.pictures.scenes import SCENES, scene_frames
 from host.simulation.pictures.sightings import Sightings
@@ -32,6 +33,7 @@ RANGES_M = (0.4, 0.9, 1.7, 2.6, 4.0)
 FOUND_RAD = math.radians(3.0)
 WHOLE = 0.95  # share of a strip in plain view from which it has to be found
 PASSES = 3
+DRAWN_ROWS, DRAWN_SIZE = 640, 0.4  # of a picture, where strips are
 
 
 @dataclass
@@ -69,12 +71,13 @@ class Score:
         }
 
 
-def measure(name: str, seeds: list[int], count: int, cameras: Cameras, draw: Path | None) -> Score:
-    """Search the scene's pictures; draw the first one of the first seed."""
-    finder = StripFinder(cameras, cameras.front)
+def measure(
+    finder: StripFinder, name: str, seeds: list[int], count: int, cameras: Cameras
+) -> Score:
+    """Search the scene's pictures."""
     score = Score()
     for seed in seeds:
-        for number, (jpeg, truth) in enumerate(scene_frames(name, count, seed, cameras)):
+        for jpeg, truth in scene_frames(name, count, seed, cameras):
             spent = []
             for _ in range(PASSES):
                 begin = time.process_time()
@@ -82,19 +85,22 @@ def measure(name: str, seeds: list[int], count: int, cameras: Cameras, draw: Pat
                 spent.append(1e3 * (time.process_time() - begin))
             score.times_ms.append(min(spent))
             score.add(np.zeros(0) if found is None else found.bearings, truth)
-            if draw and seed == seeds[0] and number == 0:
-                picture = annotate(jpeg, finder.blobs(jpeg), finder.geometry)
-                half = cv2.resize(
-                    picture[: finder.geometry.rows + 60], None, fx=0.5, fy=0.5,
-                    interpolation=cv2.INTER_AREA,
-                )  # fmt: skip
-                path = draw / f"{cameras_pattern(cameras)}_{name}.jpg"
-                cv2.imwrite(str(path), half, [cv2.IMWRITE_JPEG_QUALITY, 80])
     return score
 
 
-def cameras_pattern(cameras: Cameras) -> str:
-    return str(getattr(cameras.strip, "pattern", "one_colour"))
+def drawn(finder: StripFinder, name: str, seed: int, cameras: Cameras) -> Image:
+    """The scene's first picture with what is found and dropped in it, reduced."""
+    jpeg, _ = next(scene_frames(name, 1, seed, cameras))
+    shown = annotate(jpeg, finder.blobs(jpeg), finder.geometry)[:DRAWN_ROWS]
+    shown = cv2.resize(shown, None, fx=DRAWN_SIZE, fy=DRAWN_SIZE, interpolation=cv2.INTER_AREA)
+    cv2.putText(shown, name, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 2)
+    return np.asarray(shown, dtype=np.uint8)
+
+
+def sheet(pictures: list[Image]) -> Image:
+    """Pictures of one size, two in a row."""
+    filled = [*pictures, np.zeros_like(pictures[0])][: len(pictures) + len(pictures) % 2]
+    return np.vstack([np.hstack(filled[k : k + 2]) for k in range(0, len(filled), 2)])
 
 
 def row(name: str, figures: dict) -> str:
@@ -111,7 +117,7 @@ def main() -> None:
     parser.add_argument("--scenes", default=",".join(SCENES), help="names, by commas")
     parser.add_argument("--pictures", type=int, default=40, help="of each scene and seed")
     parser.add_argument("--seeds", default="1")
-    parser.add_argument("--draw", type=Path, help="folder for a picture of each scene")
+    parser.add_argument("--draw", type=Path, help="draw one picture of each scene into this file")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     arguments = parser.parse_args()
     names = arguments.scenes.split(",")
@@ -120,16 +126,18 @@ def main() -> None:
     cv2.setNumThreads(1)
     strip = {"pattern": arguments.pattern} if arguments.pattern else {}
     cameras = Cameras.model_validate({"strip": strip})
-    if arguments.draw:
-        arguments.draw.mkdir(parents=True, exist_ok=True)
+    finder = StripFinder(cameras, cameras.front)
     seeds = [int(seed) for seed in arguments.seeds.split(",")]
-    print(f"pattern {cameras_pattern(cameras)}, {arguments.pictures} pictures, seeds {seeds}")
+    print(f"pattern {cameras.strip.pattern}, {arguments.pictures} pictures, seeds {seeds}")
     ranges = " ".join(f"-{far:.1f}m" for far in RANGES_M[1:])
     print(f"{'scene':14} {ranges}   false   median  p95 deg      ms")
     rows = {}
     for name in names:
-        rows[name] = measure(name, seeds, arguments.pictures, cameras, arguments.draw).figures()
+        rows[name] = measure(finder, name, seeds, arguments.pictures, cameras).figures()
         print(row(name, rows[name]), flush=True)
+    if arguments.draw:
+        pictures = [drawn(finder, name, seeds[0], cameras) for name in names]
+        cv2.imwrite(str(arguments.draw), sheet(pictures), [cv2.IMWRITE_JPEG_QUALITY, 75])
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=2) + "\n")
 
