@@ -148,7 +148,8 @@ def _faults(records: Sequence[Record]) -> Lines:
             cells = [_interval(means["gospa_m"], 3), f"{means['missed'].value:.2f}"]
             cells += [f"{means['false'].value:.2f}", f"{means['pairs_rmse_m'].value:.3f}"]
             rows.append([fault, name, *cells, f"{means['pairs_p67_m'].value:.3f}"])
-    return _markdown(header, rows)
+    picture = "![GOSPA over time, mean over the seeds, a curve for each fault](faults.svg)"
+    return [*_markdown(header, rows), "", picture]
 
 
 def _faulty(setting: str) -> str:
