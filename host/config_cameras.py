@@ -101,7 +101,7 @@ class Cameras(Section):
     half_range_m: float = Field(3.0, gt=0.1, lt=12.0)
     range_steepness_per_m: float = Field(5.0, gt=0.0, lt=100.0)
     clutter_per_rad: float = Field(0.05, gt=0.0, lt=100.0)  # false blobs per picture
-    use_ranges: bool = False  # ranges from the size of a strip in the picture
+    use_ranges: bool = True  # ranges from the size of a strip in the picture
     front: Camera = Camera()
     rear: Camera = Camera(heading_rad=math.pi)
     strip: Strip = Strip()
