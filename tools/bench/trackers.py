@@ -86,10 +86,13 @@ class InOdometry:
         return Estimate(self._time, places, spread, one, np.zeros(n), labels)
 
 
-def gospa_in_arena(names: list[str], seeds: tuple[int, ...], seconds: int) -> None:
+def gospa_in_arena(names: list[str], seeds: tuple[int, ...], seconds: int, posts: int) -> None:
     """Print the table of GOSPA and its parts."""
-    loaded = [runs.simulate_scenario(f"arena4:seconds={seconds},seed={seed}") for seed in seeds]
-    print(f"arena4, lidar positions only, {len(seeds)} x {seconds} s")
+    loaded = [
+        runs.simulate_scenario(f"arena4:seconds={seconds},posts={posts},seed={seed}")
+        for seed in seeds
+    ]
+    print(f"\narena4 with {posts} posts, lidar positions only, {len(seeds)} x {seconds} s")
     print(f"{'':20}{'GOSPA m':>9}{'missed':>9}{'false':>9}{'RMSE m':>9}{'ms':>9}")
     for name in names:
         row = Accumulator.pooled(_scored(name, run) for run in loaded).row("", "", name, "")
@@ -142,12 +145,14 @@ def scan_ms(name: str, scene: Scene, scans: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
+    parser.add_argument("--posts", type=int, nargs="+", default=[2, 0])
     parser.add_argument("--seconds", type=int, default=SECONDS)
     parser.add_argument("--targets", type=int, nargs="*", default=list(SCANS), choices=list(SCANS))
     arguments = parser.parse_args()
     names = ["pmb", "phd", *PEERS]
     if arguments.seeds:
-        gospa_in_arena(names, tuple(arguments.seeds), arguments.seconds)
+        for posts in arguments.posts:
+            gospa_in_arena(names, tuple(arguments.seeds), arguments.seconds, posts)
     for n in arguments.targets:
         print(f"\n{n} targets on a random walk")
         took = {name: scan_ms(name, Scene(n, seed=1), SCANS[n]) for name in names}
