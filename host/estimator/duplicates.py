@@ -24,4 +24,7 @@ def duplicates(
     i, j = i[near], j[near]
     first = (seen[i] < seen[j]) | ((seen[i] == seen[j]) & (weights[i] < weights[j]))
     gone = np.where(first, i, j)
-    return gone, i + j - gone
+    kept = i + j - gone
+    stays = ~np.isin(kept, gone)  # who duplicates one that goes itself is looked at again next time
+    gone, index = np.unique(gone[stays], return_index=True)
+    return gone, kept[stays][index]

@@ -185,12 +185,13 @@ class PmbFilter:
         """
         whole, tracks, weights = mixture(self._rows), self._tracks, self._rows[WEIGHT]
         gone, kept = duplicates(whole[: Y + 1], tracks[VARIANCE], tracks[SEEN], whole[TOTAL])
-        for i, j in zip(gone, kept, strict=True):
-            there, more = weights[:, j].sum(), weights[:, i].sum()
-            weights[:, j] *= min(1.0, there + more) / max(there, 1e-300)
-            weights[:, i] = 0.0
-            labels = tracks[LABEL, [i, j]]
-            tracks[LABEL, j] = labels[labels > 0.0].min(initial=math.inf) if labels.any() else 0.0
+        there, n = np.maximum(whole[TOTAL], 1e-300), len(whole[TOTAL])
+        both = np.minimum(there + np.bincount(kept, there.take(gone), n), 1.0)
+        weights *= np.where(np.bincount(kept, minlength=n) > 0, both / there, 1.0)
+        weights[:, gone] = 0.0
+        labels = np.where(tracks[LABEL] > 0.0, tracks[LABEL], math.inf)
+        np.minimum.at(labels, kept, labels.take(gone))
+        tracks[LABEL] = np.where(labels < math.inf, labels, 0.0)
 
     def _update_by_cameras(self, measured: Bearings) -> None:
         """Readings of teammates only: what has no strip is an obstacle, or not there.

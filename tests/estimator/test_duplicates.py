@@ -28,7 +28,10 @@ def test_every_pair_nearer_than_its_readings_scatter_is_found(seed: int, n: int)
             if math.dist(positions[:, i], positions[:, j]) < reach:
                 newer = max((i, j), key=lambda k: (when[k], weights[k]))
                 expected.add((i + j - newer, newer))
-    assert set(zip(gone.tolist(), kept.tolist(), strict=True)) == expected
+    going = {pair[0] for pair in expected}
+    expected = {pair for pair in expected if pair[1] not in going}
+    assert set(zip(gone.tolist(), kept.tolist(), strict=True)) <= expected
+    assert sorted(gone.tolist()) == sorted({pair[0] for pair in expected})
 
 
 def test_a_thing_found_again_beside_its_old_hypothesis_keeps_its_label_and_is_reported_once() -> (
