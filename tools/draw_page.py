@@ -16,7 +16,7 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-RUN = [sys.executable, "-u", "-c", "from host.cli.main import main; main()", "run"]
+RUN = [str(Path(sys.executable).with_name("swarmloc")), "run"]
 SETTLE_S = 20.0  # trails are long by then
 # Width, height (CSS pixels), pixels a CSS pixel, and the scheme, of each picture.
 PICTURES = {
