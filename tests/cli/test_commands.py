@@ -149,7 +149,7 @@ def made_by(run):
     from host.estimator import profiles
     from host.localizer import Localizer
 
-    localizer = Localizer(run.config, profiles.make("phd", run.config))
+    localizer = Localizer(run.config, profiles.make(run.config.filter.profile, run.config))
     return [localizer.handle(message) for message in run.messages] + [localizer.finish()]
 
 
@@ -173,7 +173,9 @@ def test_a_torn_recording_replays_and_says_so(recording, tmp_path):
 def test_a_replay_at_speed_shows_the_screen(recording):
     done = invoke("replay", recording, "--speed", "4")
     assert done.exit_code == 0, done.output
-    assert re.search(r"1\.\d s +\d teammates?; within 2.0 m \d, truly \d", done.output)
+    assert re.search(
+        r"1\.\d s +\d teammates?(, \d obstacles?)?; within 2.0 m \d, truly \d", done.output
+    )
 
 
 def test_a_replay_at_speed_that_is_interrupted_gives_the_cursor_back(recording, on_screen):
