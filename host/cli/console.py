@@ -163,7 +163,8 @@ def _tally(state: State) -> str:
     count = len(estimate.positions)
     words = f"{count} teammate{'' if count == 1 else 's'}"
     if len(estimate.obstacles):
-        words += f", {len(estimate.obstacles)} obstacles"
+        known = len(estimate.obstacles)
+        words += f", {known} obstacle{'' if known == 1 else 's'}"
     if truth is None:
         return words
     near, truly = (_in_range(each.positions) for each in (estimate, truth))
