@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -70,26 +69,14 @@ def _what(record: Record) -> list[object]:
 
 
 def draw(records: Sequence[Record]) -> None:
-    """Draw the pictures anew for which there are records, and the scene of the README."""
+    """Draw the pictures anew for which there are records."""
     docs = ROOT / "docs"
-    _write(docs / "arena4.svg", _output("draw_scene.py"))
     pixels = records_of(TABLES["pixels"], records)
     if pixels:
         _write(docs / "pixels.svg", draw_comparison.picture(draw_comparison.read(pixels)))
     faults = records_of(TABLES["faults"], records)
     if faults:  # the first filter is the one to use
         _write(docs / "faults.svg", draw_faults.picture(faults, faults[0]["filter"]))
-
-
-def _output(tool: str) -> str:
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tools" / tool)],
-        check=True,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    return done.stdout
 
 
 def _write(path: Path, text: str) -> None:
