@@ -1,5 +1,6 @@
 """Planar rigid motions, angles, and the robot's own path by its odometry."""
 
+import copy
 import math
 
 import numpy as np
@@ -51,6 +52,8 @@ def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
 _LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1
 # Then neither place nor heading are known at all: m² per axis, rad².
 _MOST_TRANSLATION, _MOST_HEADING = 1e4, 10.0
+_COAST_S = 0.3  # odometry is late by less, unless it has ended
+_LAST_S = 0.1  # over which a robot's speed is taken
 _HOLE_S = 0.01  # a shorter gap between displacements is a matter of clocks
 
 
@@ -134,6 +137,27 @@ class Path:
             translation_variance=min(abs(float(last[3] - first[3])), _MOST_TRANSLATION),
             heading_variance=min(abs(float(last[4] - first[4])), _MOST_HEADING),
         )
+
+    def extended(self, time: float) -> "Path":
+        """A copy that goes on to `time` (s) as the robot last drove; for at most _COAST_S."""
+        longer = copy.copy(self)
+        longer._rows = self._rows.copy()
+        coast = min(time - self.end, _COAST_S)
+        if self._count and coast > 0.0:
+            last = self.between(self.end - _LAST_S, self.end)
+            share = coast / _LAST_S
+            longer.append(
+                Displacement(
+                    time=self.end + coast,
+                    interval=coast,
+                    dx=share * last.dx,
+                    dy=share * last.dy,
+                    dpsi=share * last.dpsi,
+                    translation_variance=coast * _LOST_TRANSLATION,
+                    heading_variance=coast * _LOST_HEADING,
+                )
+            )
+        return longer
 
     def carry(self, points: FloatArray, times: FloatArray, to_time: float) -> FloatArray:
         """Points (n, 2) seen in the robot frame at `times` (n,), in the robot frame at `to_time`.

@@ -91,13 +91,14 @@ class Localizer:
     def ahead(self, time: float) -> Estimate | None:
         """What the filter would report at `time` (s) if nothing more came; None before it began.
 
-        The filter itself stays where it is: what comes late is still used in its order.
+        The filter itself stays where it is: what comes late is still used in its order. Where the
+        odometry is not there yet, the robot is taken to drive on.
         """
         if not math.isfinite(self._time):
             return None
         filter_ = copy.deepcopy(self._filter)
         if time > self._time:
-            filter_.predict(self._path.between(self._time, time))
+            filter_.predict(self._path.extended(time).between(self._time, time))
         return filter_.estimate()
 
     def finish(self) -> list[Estimate]:

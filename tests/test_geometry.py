@@ -1,6 +1,7 @@
 """Planar motions against complex numbers and 3x3 matrices; a path against its own steps."""
 
 import cmath
+import dataclasses
 import math
 
 import numpy as np
@@ -211,3 +212,27 @@ def test_a_path_that_forgets_still_knows_every_time_within_what_it_keeps():
 def test_the_ends_of_the_circle_lie_in_the_outer_sectors():
     ends = np.array([-math.pi, np.nextafter(math.pi, 0.0), math.pi])
     assert sector(ends).tolist() == [0, SECTORS - 1, SECTORS - 1]
+
+
+def test_an_extended_path_goes_on_as_the_robot_drove_and_leaves_the_first_alone() -> None:
+    """On a circle, whose continuation is known; and no further than the coast."""
+    speed, rate, dt = 0.3, 1.2, 0.02
+    path = Path()
+    step = Displacement(0.0, dt, speed * dt, 0.0, rate * dt)
+    for k in range(1, 101):
+        path.append(dataclasses.replace(step, time=k * dt))
+    end, heading = path.end, 100 * rate * dt
+    longer = path.extended(end + 0.2)
+    assert path.end == end == pytest.approx(2.0)
+    x, y, psi = longer.poses(np.array([end + 0.2]))[0]
+    radius = speed / rate
+    assert psi == pytest.approx(heading + 0.2 * rate)
+    expected = (radius * math.sin(psi), radius * (1.0 - math.cos(psi)))
+    assert (x, y) == pytest.approx(expected, abs=0.01)
+    stands = path.extended(end + 5.0)
+    assert stands.end < end + 0.5
+    assert (
+        stands.between(end, end + 5.0).heading_variance
+        > longer.between(end, end + 0.2).heading_variance
+    )
+    assert Path().extended(3.0).end == -math.inf

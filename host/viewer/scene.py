@@ -57,7 +57,8 @@ class Scene:
     def tell(self, now: Now) -> dict[str, Any]:
         """The message for readers: lengths in m, angles in rad, times in s, all at now."""
         time = now.estimate.time
-        x, y, heading = self._path.poses(np.array([time]))[0]
+        path = self._path.extended(time)
+        x, y, heading = path.poses(np.array([time]))[0]
         return {
             "schema": SCHEMA,
             "time": _figure(time),
@@ -69,10 +70,10 @@ class Scene:
             "estimates": _estimates(now.estimate),
             "obstacles": [{"x": _figure(x), "y": _figure(y)} for x, y in now.estimate.obstacles],
             "truth": None if now.truth is None else _truth(now.truth),
-            "scan": self._scan_at(time),
-            "candidates": self._candidates_at(time),
+            "scan": self._scan_at(path, time),
+            "candidates": self._candidates_at(path, time),
             "bearings": [
-                self._bearings_at(time, seen)
+                _bearings_at(path, time, seen)
                 for seen in self._bearings.values()
                 if time - seen.time < _SHOWN_S
             ],
@@ -86,36 +87,38 @@ class Scene:
             ],
         }
 
-    def _scan_at(self, time: float) -> list[list[float]]:
+    def _scan_at(self, path: Path, time: float) -> list[list[float]]:
         """Where the lidar's returns are now, if they stood still since: [[x, y], ...]."""
         scan = self._scan
         if scan is None or time - scan.time >= _SHOWN_S:
             return []
-        points, returned = place(scan, self._config.lidar, self._path)
-        return _rows(self._carried(points[returned], scan.time, time))
+        points, returned = place(scan, self._config.lidar, path)
+        return _rows(_carried(path, points[returned], scan.time, time))
 
-    def _candidates_at(self, time: float) -> list[list[float]]:
+    def _candidates_at(self, path: Path, time: float) -> list[list[float]]:
         found = self._candidates
         if found is None or time - found.time >= _SHOWN_S:
             return []
-        return _rows(self._carried(found.positions, found.time, time))
+        return _rows(_carried(path, found.positions, found.time, time))
 
-    def _carried(self, points: FloatArray, seen: float, time: float) -> FloatArray:
-        return self._path.carry(points, np.full(len(points), seen), time)
 
-    def _bearings_at(self, time: float, seen: Bearings) -> dict[str, Any]:
-        then, now = self._path.poses(np.array([seen.time, time]))
-        turned = float(then[2] - now[2])
-        (origin,) = to_frame(to_parent(np.array([seen.origin]), then), now)
-        return {
-            "camera": seen.camera,
-            "age": _figure(time - seen.time),
-            "x": _figure(origin[0]),
-            "y": _figure(origin[1]),
-            "directions": [_figure(angle) for angle in wrap(seen.bearings + turned)],
-            "sigmas": [_figure(sigma) for sigma in np.sqrt(seen.variances)],
-            "view": {"centre": _figure(wrap(seen.view[0] + turned)), "half": _figure(seen.view[1])},
-        }
+def _carried(path: Path, points: FloatArray, seen: float, time: float) -> FloatArray:
+    return path.carry(points, np.full(len(points), seen), time)
+
+
+def _bearings_at(path: Path, time: float, seen: Bearings) -> dict[str, Any]:
+    then, now = path.poses(np.array([seen.time, time]))
+    turned = float(then[2] - now[2])
+    (origin,) = to_frame(to_parent(np.array([seen.origin]), then), now)
+    return {
+        "camera": seen.camera,
+        "age": _figure(time - seen.time),
+        "x": _figure(origin[0]),
+        "y": _figure(origin[1]),
+        "directions": [_figure(angle) for angle in wrap(seen.bearings + turned)],
+        "sigmas": [_figure(sigma) for sigma in np.sqrt(seen.variances)],
+        "view": {"centre": _figure(wrap(seen.view[0] + turned)), "half": _figure(seen.view[1])},
+    }
 
 
 def ellipse(covariance: FloatArray) -> tuple[float, float, float]:
