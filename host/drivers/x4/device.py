@@ -1,7 +1,6 @@
 """The YDLidar X4 or X4 Pro on a serial port: motor, commands, scans, and its state in words."""
 
 import errno
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -179,7 +178,7 @@ class X4:
         decoder, delay = self._decoder, self._config.delay_s
         port.write(commands.SCAN)
         asked = last = self._clock()
-        checked = -math.inf
+        checked = asked  # a second of samples is judged
         before = dict(decoder.counts)
         began = packets = before["packets"]
         liveness = Liveness(self._config)
@@ -201,7 +200,8 @@ class X4:
                 if now - asked > _SCAN_AGAIN_S:  # a dip of its supply makes a lidar forget it
                     port.write(commands.SCAN)
                     asked = now
-            elif came and now - checked >= _HEALTH_PERIOD_S:
+                continue
+            if came and now - checked >= _HEALTH_PERIOD_S:
                 self._report(*self._judge(before, identity, liveness, now))
                 checked, before = now, dict(decoder.counts)
 
