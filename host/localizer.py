@@ -10,6 +10,7 @@ import heapq
 import math
 from collections import deque
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from host.messages import (
     Scan,
 )
 from host.perception import turrets
+
+AnyReadings = TypeVar("AnyReadings", bound=Positions | Bearings)
 
 _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
 _TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
@@ -182,29 +185,34 @@ class Localizer:
             self.consistency.take_bearings(readings, known, self._path)
 
     def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
-        """The same readings in the robot frame at the filter's time; they keep their lag."""
-        lag = self._time - measured.time
-        if lag <= 0.0:
-            return measured
-        then, now = self._path.poses(np.array([measured.time, self._time]))
-        rotated_by = float(then[2] - now[2])
-        if isinstance(measured, Bearings):
-            origin = to_frame(to_parent(np.array([measured.origin]), then), now)[0]
-            return dataclasses.replace(
-                measured,
-                time=self._time,
-                bearings=measured.bearings + rotated_by,
-                origin=(float(origin[0]), float(origin[1])),
-                view=(measured.view[0] + rotated_by, measured.view[1]),
-                lag=measured.lag + lag,
-            )
-        to_now = rotation(rotated_by)
-        lags = np.zeros(len(measured.positions)) if measured.lags is None else measured.lags
+        """The same readings in the robot frame at the filter's time."""
+        return carried(measured, self._path, self._time)
+
+
+def carried(measured: AnyReadings, path: Path, time: float) -> AnyReadings:
+    """The same readings in the robot frame at a later `time` (s); they keep their lag."""
+    lag = time - measured.time
+    if lag <= 0.0:
+        return measured
+    then, now = path.poses(np.array([measured.time, time]))
+    rotated_by = float(then[2] - now[2])
+    if isinstance(measured, Bearings):
+        origin = to_frame(to_parent(np.array([measured.origin]), then), now)[0]
         return dataclasses.replace(
             measured,
-            time=self._time,
-            positions=to_frame(to_parent(measured.positions, then), now),
-            covariances=to_now @ measured.covariances @ to_now.T,
-            lags=lags + lag,
-            clearance=None,
+            time=time,
+            bearings=measured.bearings + rotated_by,
+            origin=(float(origin[0]), float(origin[1])),
+            view=(measured.view[0] + rotated_by, measured.view[1]),
+            lag=measured.lag + lag,
         )
+    to_now = rotation(rotated_by)
+    lags = np.zeros(len(measured.positions)) if measured.lags is None else measured.lags
+    return dataclasses.replace(
+        measured,
+        time=time,
+        positions=to_frame(to_parent(measured.positions, then), now),
+        covariances=to_now @ measured.covariances @ to_now.T,
+        lags=lags + lag,
+        clearance=None,
+    )

@@ -4,6 +4,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 
 from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
-from host.calibration.camera.colour_verdict import LEARNT, judged, searched
+from host.calibration.camera.colour_verdict import LEARNT, SearchedPicture, judged, searched
 from host.cli.fitting import Fitting
 from host.cli.options import json_option
 from host.config import Camera, Cameras, Strip
@@ -139,15 +140,17 @@ def colour(
         judged(cameras.strip, strip, pictures),
         ", ".join(map(str, images)),
         strip={name: getattr(strip, name) for name in ("pattern", *LEARNT)},
-        pictures=[
-            {
-                "image": str(image),
-                "annotated": seen.name,
-                "blobs": [dataclasses.asdict(blob) for blob in seen.blobs],
-            }
-            for image, seen in zip(images, pictures, strict=True)
-        ],
+        pictures=[_figures(*each) for each in zip(images, pictures, strict=True)],
     )
+
+
+def _figures(image: Path, seen: SearchedPicture) -> dict[str, Any]:
+    """What was found in one picture, for --json."""
+    return {
+        "image": str(image),
+        "annotated": seen.name,
+        "blobs": [dataclasses.asdict(blob) for blob in seen.blobs],
+    }
 
 
 def _decoded(image: Path, jpeg: bytes, camera: Camera, camera_name: str) -> Image:

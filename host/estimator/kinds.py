@@ -8,6 +8,7 @@ the thing is there, their ratio is how surely it is a teammate.
 import numpy as np
 
 from host.config import FilterSettings
+from host.estimator.evidence import likeness
 from host.estimator.gaussian_mixture import PXX, ROWS, WEIGHT, X, Y
 from host.messages import FloatArray, Positions
 
@@ -17,7 +18,6 @@ MIXTURE = slice(0, 2 * ROWS)  # of the state: the rows of both kinds, as (ROWS, 
 # and the index of its parent: the component before the update that it comes from.
 SEEN, CONFIRMED, LABEL, PARENT = range(2 * ROWS, 2 * ROWS + 4)
 STATE = 2 * ROWS + 4
-_PLAIN_SCORE = 3.0  # from here on a reading counts as a turret
 
 
 def rows_of(state: FloatArray) -> FloatArray:
@@ -44,14 +44,3 @@ def born_at(measured: Positions, settings: FilterSettings, parent: int) -> Float
     rows[WEIGHT, OBSTACLE] = settings.birth_per_m2 * settings.obstacle_share
     born[SEEN], born[PARENT] = measured.time, parent
     return born
-
-
-def likeness(measured: Positions) -> FloatArray:
-    """How much each reading (m,) counts as a turret: min(1, likelihood ratio / 20).
-
-    1 where the sensor gives no score. In a furnished room background of a turret's size is some
-    twenty times as frequent as turrets, and it is there again in each revolution.
-    """
-    if measured.scores is None:
-        return np.ones(len(measured.positions))
-    return np.asarray(np.exp(np.minimum(measured.scores - _PLAIN_SCORE, 0.0)))

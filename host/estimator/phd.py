@@ -13,13 +13,13 @@ report.
 import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
+from host.estimator.evidence import likeness
 from host.estimator.gaussian_mixture import (
     PXX,
     PXY,
     PYY,
     ROWS,
     WEIGHT,
-    X,
     Y,
     gated_pairs,
     match_moments,
@@ -39,18 +39,15 @@ from host.estimator.kinds import (
     TEAMMATE,
     born_at,
     existence,
-    likeness,
     rows_of,
 )
 from host.estimator.reduction import groups_by_reading, merge, pass_on_labels
-from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of
+from host.estimator.sensor_models import CameraModel, LidarModel, surroundings, survival
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
-_FADE_S = 1.0  # mean survival beyond the survival range
 _DOUBTED = 0.15  # below this share a reported teammate is one no longer
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
-_BELIEVED = 0.5  # from this weight on a component can hide another
 _STANDING = 0.5  # share of the time in which a teammate does not move
 # Successive pictures show the same scene: what they say of a kind counts as so much of independent
 # evidence.
@@ -86,7 +83,8 @@ class PhdFilter:
         rows = rows_of(self._state)
         self._time = motion.time
         predict_mixture(rows, motion, self._motion_noise(motion.interval))
-        rows[WEIGHT] *= self._survival(motion.interval)
+        x, y = rows[: Y + 1, TEAMMATE]
+        rows[WEIGHT] *= survival(x, y, motion.interval, self._settings)
 
     def _motion_noise(self, dt: float) -> FloatArray:
         """Q of each kind and component (2, n), m² per axis: q² dt (1 + g a), 0 for obstacles.
@@ -100,12 +98,6 @@ class PhdFilter:
         noise = np.zeros((2, len(rate)))
         noise[TEAMMATE] = rate * dt
         return noise
-
-    def _survival(self, dt: float) -> FloatArray:
-        """p_S (n,) over dt: Perera eq. 10 as a hazard, so that it does not depend on the rate."""
-        rows, settings = rows_of(self._state), self._settings
-        far = np.hypot(rows[X, TEAMMATE], rows[Y, TEAMMATE]) > settings.survival_range_m
-        return np.asarray(np.exp(-dt / settings.survival_s - far * (dt / _FADE_S)))
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Vo & Ma eq. 16 for lidar positions or camera bearings, in any order."""
@@ -228,17 +220,10 @@ class PhdFilter:
     def _surroundings(
         self, clearance: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Bearing and distance (n,) of each component; how far one sees in every sector.
-
-        clearance (SECTORS,) m: as the scan measured it; None: worked out from the components.
-        """
+        """As `sensor_models.surroundings`, of the components."""
         rows = rows_of(self._state)
-        x, y = rows[X, TEAMMATE], rows[Y, TEAMMATE]
-        bearing, distance = np.arctan2(y, x), np.hypot(x, y)
-        if clearance is None:
-            present = existence(rows) > _BELIEVED
-            clearance = clearance_of(bearing, distance, present, self._width)
-        return bearing, distance, clearance
+        x, y = rows[: Y + 1, TEAMMATE]
+        return surroundings(x, y, existence(rows), self._width, clearance)
 
     def _confirm(self) -> None:
         """Mark who is reported: from report_weight on, while there and likely a teammate.

@@ -21,7 +21,13 @@ from host.estimator.gaussian_mixture import PXX, PXY, PYY
 from host.estimator.gaussian_mixture import WEIGHT as TOTAL
 from host.estimator.moving_gaussians import ROWS, WEIGHT, X, Y, match_moments
 from host.estimator.pairing import Pairs, pair_bearings, pair_positions, with_ranges
-from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of, in_view
+from host.estimator.sensor_models import (
+    CameraModel,
+    LidarModel,
+    in_view,
+    surroundings,
+    survival,
+)
 from host.estimator.static_world import StaticWorld
 from host.estimator.thing_modes import (
     MODES,
@@ -38,8 +44,7 @@ from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArra
 # What is kept of each Bernoulli beside its Gaussians: when the lidar last placed it (s) and with
 # which variance (m²), when a picture last had it in view (s), its label (0 until it is reported).
 SEEN, VARIANCE, PICTURED, LABEL = range(4)
-_FADE_S = 1.0  # mean survival beyond the survival range
-_BELIEVED = 0.5  # from this existence on a thing can hide another
+_BELIEVED = 0.5  # from this existence on a thing is taken to be there
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 # Correlation times: misses follow each other, and pictures show the same scene.
 _SCANS_S, _PICTURES_S = 0.3, 0.3
@@ -79,13 +84,8 @@ class PmbFilter:
         if not self._rows.shape[2]:
             return
         self._rows = self._modes.predict(self._rows, motion)
-        self._rows[WEIGHT] *= self._survival(motion.interval)
-
-    def _survival(self, dt: float) -> FloatArray:
-        """p_S (n,) over dt: Perera eq. 10 as a hazard, so that it does not depend on the rate."""
-        settings, whole = self._settings, mixture(self._rows)
-        far = np.hypot(whole[X], whole[Y]) > settings.survival_range_m
-        return np.asarray(np.exp(-dt / settings.survival_s - far * (dt / _FADE_S)))
+        whole = mixture(self._rows)
+        self._rows[WEIGHT] *= survival(whole[X], whole[Y], motion.interval, self._settings)
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Williams 2015 thm. 2 and TOMB/P for lidar positions or camera bearings, in any order."""
@@ -237,15 +237,8 @@ class PmbFilter:
     def _surroundings(
         self, whole: FloatArray, clearance: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Bearing and distance (n,) of each thing; how far one sees in every sector.
-
-        clearance (SECTORS,) m: as the scan measured it; None: worked out from the things.
-        """
-        bearing, distance = np.arctan2(whole[Y], whole[X]), np.hypot(whole[X], whole[Y])
-        if clearance is None:
-            present = whole[TOTAL] > _BELIEVED
-            clearance = clearance_of(bearing, distance, present, self._width)
-        return bearing, distance, clearance
+        """As `sensor_models.surroundings`, of things as Gaussians (ROWS, n)."""
+        return surroundings(whole[X], whole[Y], whole[TOTAL], self._width, clearance)
 
     def _reduce(self) -> None:
         """Drop what is hardly there."""

@@ -1,5 +1,7 @@
 """How likely a sensor is to detect a teammate where it is supposed to be (eq. 18–23, 29–30).
 
+And how likely what is there stays within the sensors' reach (eq. 10).
+
 The factors of the thesis, each repaired: range (a curve), blind sectors (a product over the
 pillars), occlusion (nearer things in the way) and interference (nothing comes back).
 """
@@ -8,7 +10,7 @@ import math
 
 import numpy as np
 
-from host.config import Cameras, Lidar
+from host.config import Cameras, FilterSettings, Lidar
 from host.geometry import SECTORS, sector, wrap
 from host.messages import BoolArray, FloatArray
 
@@ -16,6 +18,8 @@ _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either wa
 _HIDDEN = 0.2  # behind something nearer, which may hide it in part only
 _HIDDEN_STRIP = 0.2  # the cameras look over the lidar: a nearer teammate hides most of a strip
 _NULL_LOSS = 0.95  # eq. 23: how much less likely a detection is where nothing comes back
+_BELIEVED = 0.5  # from this existence on a thing can hide another
+_FADE_S = 1.0  # mean survival beyond the survival range
 _RAYS = np.linspace(-1.0, 1.0, 7)
 _MARGIN_M = 0.12  # nearer by less than this does not hide
 
@@ -37,6 +41,26 @@ def clearance_of(
     place = (rays * (SECTORS / math.tau) + 1.5 * SECTORS).astype(np.int64) % SECTORS
     clearance[place] = near[:, None]
     return clearance
+
+
+def surroundings(
+    x: FloatArray, y: FloatArray, existence: FloatArray, width: float, clearance: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bearing and distance (n,) of each thing; how far one sees in every sector.
+
+    existence (n,): how surely each is there. width m: of what hides others. clearance (SECTORS,)
+    m: as the scan measured it; None: worked out from the things.
+    """
+    bearing, distance = np.arctan2(y, x), np.hypot(x, y)
+    if clearance is None:
+        clearance = clearance_of(bearing, distance, existence > _BELIEVED, width)
+    return bearing, distance, clearance
+
+
+def survival(x: FloatArray, y: FloatArray, dt: float, settings: FilterSettings) -> FloatArray:
+    """p_S (n,) over dt: Perera eq. 10 as a hazard, so that it does not depend on the rate."""
+    far = np.hypot(x, y) > settings.survival_range_m
+    return np.asarray(np.exp(-dt / settings.survival_s - far * (dt / _FADE_S)))
 
 
 def _range_curve(

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from host.config import RobotConfig
-from host.geometry import Path, to_frame, to_parent, wrap
+from host.geometry import Path, wrap
+from host.localizer import carried
 from host.messages import (
     Bearings,
     Displacement,
@@ -93,31 +94,26 @@ class Scene:
         if scan is None or time - scan.time >= _SHOWN_S:
             return []
         points, returned = place(scan, self._config.lidar, path)
-        return _rows(_carried(path, points[returned], scan.time, time))
+        seen = points[returned]
+        return _rows(path.carry(seen, np.full(len(seen), scan.time), time))
 
     def _candidates_at(self, path: Path, time: float) -> list[list[float]]:
         found = self._candidates
         if found is None or time - found.time >= _SHOWN_S:
             return []
-        return _rows(_carried(path, found.positions, found.time, time))
-
-
-def _carried(path: Path, points: FloatArray, seen: float, time: float) -> FloatArray:
-    return path.carry(points, np.full(len(points), seen), time)
+        return _rows(carried(found, path, time).positions)
 
 
 def _bearings_at(path: Path, time: float, seen: Bearings) -> dict[str, Any]:
-    then, now = path.poses(np.array([seen.time, time]))
-    turned = float(then[2] - now[2])
-    (origin,) = to_frame(to_parent(np.array([seen.origin]), then), now)
+    now = carried(seen, path, time)
     return {
         "camera": seen.camera,
         "age": _figure(time - seen.time),
-        "x": _figure(origin[0]),
-        "y": _figure(origin[1]),
-        "directions": [_figure(angle) for angle in wrap(seen.bearings + turned)],
-        "sigmas": [_figure(sigma) for sigma in np.sqrt(seen.variances)],
-        "view": {"centre": _figure(wrap(seen.view[0] + turned)), "half": _figure(seen.view[1])},
+        "x": _figure(now.origin[0]),
+        "y": _figure(now.origin[1]),
+        "directions": [_figure(angle) for angle in wrap(now.bearings)],
+        "sigmas": [_figure(sigma) for sigma in np.sqrt(now.variances)],
+        "view": {"centre": _figure(wrap(now.view[0])), "half": _figure(now.view[1])},
     }
 
 
