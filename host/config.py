@@ -166,7 +166,7 @@ class FilterSettings(Section):
     motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # growth of its square while unseen
     obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # share of the things that appear
     birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear per update
-    survival_range_m: float = Field(3.0, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
+    survival_range_m: float = Field(2.5, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
     report_weight: float = Field(0.6, gt=0.0, lt=1.0)  # from this weight a teammate is reported
     forget_weight: float = Field(0.04, gt=0.0, lt=1.0)  # until it falls below this

@@ -68,7 +68,7 @@ class PmbFilter:
         lidar, camera = lidar or Lidar(), camera or Cameras()
         self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
         self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
-        self._width, self._reach_m = lidar.target_diameter_m, lidar.max_range_m
+        self._width = lidar.target_diameter_m
         # Weights are the probability that the thing is there and in that mode.
         self._rows = np.zeros((ROWS, MODES, 0))
         self._tracks = np.zeros((4, 0))
@@ -138,13 +138,9 @@ class PmbFilter:
         return found.reshape(MODES, -1)
 
     def _remembered_detection(self, measured: FloatArray | None) -> FloatArray:
-        """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance.
-
-        Beyond the lidar's reach, where nothing is looked for, a miss says nothing.
-        """
+        """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance."""
         bearing, distance, clearance = self._surroundings(self._world.rows, measured)
-        detected = self._lidar.detection(bearing, distance, clearance, measured is not None)
-        return detected * (distance < self._reach_m)
+        return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
     def _bear(
         self, measured: Positions, noise: FloatArray, existence: FloatArray, known: FloatArray

@@ -113,7 +113,7 @@ class LidarModel:
         factor = 1.0 - (1.0 - _HIDDEN) * (beyond < -_MARGIN_M)
         if measured:
             factor -= _NULL_LOSS * np.isinf(beyond)
-        within = distance >= config.min_range_m
+        within = (distance >= config.min_range_m) & (distance <= config.max_range_m)
         if config.field_of_view_rad < math.tau:
             within &= np.abs(bearing) <= 0.5 * config.field_of_view_rad
         probability *= factor * within

@@ -12,7 +12,7 @@ from host.estimator.sensor_models import CameraModel, LidarModel, clearance_of
 SECTORS = 360
 OPEN = np.full(SECTORS, math.inf)
 LEAST, MOST = 0.01, 0.98
-PLAIN = Lidar(blind_sectors=(), detection_probability=0.9, half_range_m=2.0)
+PLAIN = Lidar(blind_sectors=(), detection_probability=0.9, half_range_m=2.0, max_range_m=12.0)
 
 
 def lidar(bearing, distance, clearance=OPEN, measured=False, config=PLAIN):
@@ -30,7 +30,7 @@ def camera(bearing, distance, clearance=OPEN, config=Cameras()):  # noqa: B008 (
 @pytest.mark.parametrize("half_range", [1.0, 2.0, 2.8])
 @pytest.mark.parametrize("most", [0.5, 0.9])
 def test_half_of_the_detections_are_lost_at_the_half_range(half_range, most):
-    config = Lidar(blind_sectors=(), detection_probability=most, half_range_m=half_range)
+    config = PLAIN.model_copy(update={"detection_probability": most, "half_range_m": half_range})
     assert lidar(0.0, half_range, config=config) == pytest.approx([most / 2])
     config = Cameras(detection_probability=most, half_range_m=half_range)
     assert camera(0.0, half_range, config=config) == pytest.approx([most / 2])
@@ -216,3 +216,9 @@ def test_within_12_cm_of_the_return_a_turret_is_not_hidden(beyond_m, factor):
     clear = model.detection(*place, np.full(360, 3.0), True)
     found = model.detection(*place, np.full(360, 1.0 + beyond_m), True)
     assert found == pytest.approx(factor * clear)
+
+
+def test_nothing_is_detected_beyond_the_range_that_is_used():
+    """Lest a teammate that drove on be missed where nobody looks for it."""
+    far = Lidar(blind_sectors=(), half_range_m=5.0, max_range_m=2.5)
+    assert lidar(0.0, [2.4, 2.6, 4.0], config=far).tolist() == pytest.approx([0.95, LEAST, LEAST])
