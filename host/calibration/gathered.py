@@ -119,6 +119,7 @@ class Gathered:
     """Messages of one robot, kept by kind in the order they came.
 
     config: under which they were taken, so that e.g. its delays are in their times already.
+    truth_time_sigma: by how much (s, std) all true paths may be early or late.
     """
 
     def __init__(self, config: RobotConfig) -> None:
@@ -127,6 +128,7 @@ class Gathered:
         self.displacements: list[Displacement] = []
         self.bearings: list[Bearings] = []
         self.bodies: list[Bodies] = []
+        self.truth_time_sigma = 0.0
 
     def take(self, message: Message) -> None:
         """Keep a message if calibration has a use for it."""

@@ -17,6 +17,7 @@ from host.cli.fitting import Fitting, fit_options
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.recording import optiodom
+from host.sessions.truth_files import TruthFile
 
 if TYPE_CHECKING:
     from host.calibration.wheels.model import Drive
@@ -49,6 +50,7 @@ calibrate.add_command(colour)
 Examples:
   swarmloc calibrate wheels --robot robot.toml --record drive.swarmloc
   swarmloc calibrate wheels drive.swarmloc --robot robot.toml
+  swarmloc calibrate wheels drive.swarmloc --truth take.csv:Robot1 --robot robot.toml
   swarmloc calibrate wheels optiodom:runs/free --test optiodom:runs/square""",
 )
 @click.argument("sources", nargs=-1, metavar="[SOURCE]...")
@@ -73,7 +75,9 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
     name = ", ".join(sources)
     if sources:
         fitting.check_source()
-        drives, nominal, mocap = _drives(sources[0], fitting.robot_path)
+        if fitting.truth is not None and len(sources) > 1:
+            raise click.UsageError("--truth is of one recording: name one SOURCE")
+        drives, nominal, mocap = _drives(sources[0], fitting.robot_path, fitting.truth)
         for source in sources[1:]:
             more, *others = _drives(source, fitting.robot_path)
             if others != [nominal, mocap]:
@@ -103,14 +107,18 @@ def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> N
     fitting.conclude(calibration, name, tests=scores)
 
 
-def _drives(source: str, robot_path: Path | None) -> tuple["list[Drive]", Wheels, Mocap]:
+def _drives(
+    source: str, robot_path: Path | None, truth: TruthFile | None = None
+) -> tuple["list[Drive]", Wheels, Mocap]:
     """The drives of a source, the nominal wheels and how the tracked body is thought to lie."""
     from host.calibration.wheels.drives import drive_of_run, drives_of
 
     if source.startswith(_OPTIODOM):
+        if truth is not None:
+            raise UserError(f"{source} needs no --truth", "its runs hold it", "leave --truth out")
         runs = optiodom.read_runs(Path(source.removeprefix(_OPTIODOM)))
         return [drive_of_run(run) for run in runs], runs[0].wheels, Mocap()
-    gathered = gathering.from_source(source, robot_path)
+    gathered = gathering.from_source(source, robot_path, truth)
     return drives_of(gathered), gathered.config.wheels, gathered.config.mocap
 
 

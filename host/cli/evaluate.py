@@ -15,6 +15,7 @@ from host.experiments.results_folder import ResultsFolder
 from host.registry import FILTERS
 from host.sessions.evaluating import check_source, score_sources, step_count
 from host.sessions.robot import robot_configuration
+from host.sessions.truth_files import TruthFile
 from host.sources.sensors import SENSORS
 
 _HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
@@ -36,6 +37,7 @@ to have them, too: pip install 'swarmloc[figures]'"""
 Examples:
   swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters pmb,clairvoyant
   swarmloc evaluate today.swarmloc --json figures.json
+  swarmloc evaluate today.swarmloc --truth take.csv:Robot1
   swarmloc evaluate swarm20:seconds=300 --figures results
   swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
 )
@@ -53,6 +55,7 @@ Examples:
     help="Which sensors; a dataset has its own.",
 )
 @options.robot_or_recordings_option
+@options.truth_options
 @options.json_option
 @click.option(
     "--figures",
@@ -66,6 +69,7 @@ def evaluate(
     filters: str,
     sensors: str,
     robot_path: Path | None,
+    truth: TruthFile | None,
     json_path: Path | None,
     figures_path: Path | None,
 ) -> None:
@@ -73,6 +77,8 @@ def evaluate(
     names = options.several(filters, FILTERS.names(), "--filters")
     chosen = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else robot_configuration(robot_path)
+    if truth is not None and len(sources) > 1:
+        raise click.UsageError("--truth is of one recording: name one SOURCE")
     for source in sources:  # what is mistyped fails before anything is computed
         check_source(source)
     folder = None
@@ -86,7 +92,9 @@ def evaluate(
         length=size, label="evaluating", item_show_func=lambda done: done or "", file=sys.stderr
     ) as bar:
         keep = (lambda scored: None) if folder is None else folder.take
-        rows = score_sources(sources, names, chosen, robot, lambda done: bar.update(1, done), keep)
+        rows = score_sources(
+            sources, names, chosen, robot, lambda done: bar.update(1, done), keep, truth
+        )
     click.echo(table(rows))
     options.write_json(json_path, [row.as_json() for row in rows])
     if folder is not None:

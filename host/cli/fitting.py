@@ -17,6 +17,7 @@ from host.cli import gathering, options
 from host.errors import UserError
 from host.recording.log import SUFFIX
 from host.sessions.gathering import Advice
+from host.sessions.truth_files import TruthFile
 
 _UNMOUNTED = (
     "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "
@@ -65,6 +66,7 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
         ),
         click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
         options.json_option,
+        options.truth_options,
     ]
 
     def decorate(command: FC) -> FC:
@@ -87,8 +89,10 @@ class Fitting:
         report_path: Path,
         accept: bool,
         json_path: Path | None,
+        truth: TruthFile | None = None,
     ) -> None:
         self.robot_path = robot_path
+        self.truth = truth
         self._live = (scenario, seconds, record)
         self._report_path = report_path
         self._accept = accept
@@ -114,6 +118,8 @@ class Fitting:
         warning where nobody has found that yet. lidar_serves: where there is no motion capture.
         """
         if source is None:
+            if self.truth is not None:
+                raise click.UsageError("--truth is for a recording: name it as SOURCE")
             scenario, seconds, record = self._live
             # A drive is work, and a fit may be refused: it is always recorded.
             record = record or Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
@@ -123,7 +129,7 @@ class Fitting:
             click.echo(f"recorded in {record}", err=True)
         else:
             self.check_source()
-            name, gathered = source, gathering.from_source(source, self.robot_path)
+            name, gathered = source, gathering.from_source(source, self.robot_path, self.truth)
         mocap = gathered.config.mocap
         if mounted and gathered.bodies and not (mocap.x_m or mocap.y_m or mocap.heading_rad):
             self._warnings = (_UNMOUNTED,)

@@ -21,12 +21,14 @@ from host.sessions.gathering import (
     gather_source,
 )
 from host.sessions.robot import robot_configuration
+from host.sessions.truth_files import TruthFile
 
 
-def from_source(source: str, robot_path: Path | None) -> Gathered:
+def from_source(source: str, robot_path: Path | None, truth: TruthFile | None = None) -> Gathered:
     """What a recording holds, or what a scenario gives at full speed.
 
     A recording is read as if taken with the configuration in `robot_path`, else with its own.
+    truth: in place of the recording's own.
     """
     robot = None if robot_path is None else robot_configuration(robot_path)
 
@@ -34,7 +36,7 @@ def from_source(source: str, robot_path: Path | None) -> Gathered:
         click.echo(text, err=True)
 
     with progress_bar(source) as progress:
-        return gather_source(source, robot, progress, warn)
+        return gather_source(source, robot, progress, warn, truth)
 
 
 def live(

@@ -11,8 +11,11 @@ from typing import Any, TypeVar
 import click
 
 from host.errors import UserError
+from host.recording.named_columns import units_of
 from host.registry import FILTERS
+from host.sessions.truth_files import TruthFile, truth_file
 
+_UNITS = "swarmloc.truth_units"
 AnyCommand = TypeVar("AnyCommand", bound=Callable[..., Any] | click.Command)
 
 
@@ -42,6 +45,42 @@ json_option = click.option(
     metavar="FILE",
     help="Write the figures to FILE as JSON too.",
 )
+
+
+def truth_options(command: AnyCommand) -> AnyCommand:
+    """--truth and --truth-units, together: the file of true paths, `truth` (None: without)."""
+    file = click.option(
+        "--truth",
+        callback=_truth,
+        metavar="FILE[:BODY]",
+        help="True paths from another system's file, for a recording: a CSV export of Motive, or a "
+        "CSV with the columns time,x,y,heading. BODY: the robot's own body in it.",
+    )
+    units = click.option(
+        "--truth-units",
+        default="s,m,rad",
+        show_default=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_units,
+        metavar="TIME,LENGTH,ANGLE",
+        help="Units of a CSV with named columns: s ms us ns, m cm mm, rad deg.",
+    )
+    return file(units(command))
+
+
+def _units(context: click.Context, option: click.Parameter, text: str) -> None:
+    try:
+        context.meta[_UNITS] = units_of(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def _truth(context: click.Context, option: click.Parameter, text: str | None) -> TruthFile | None:
+    def report(words: str) -> None:
+        click.echo(words, err=True)
+
+    return None if text is None else truth_file(text, context.meta[_UNITS], report)
 
 
 def several(text: str, known: Sequence[str], option: str) -> list[str]:

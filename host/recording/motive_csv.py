@@ -16,7 +16,9 @@ from scipy.spatial.transform import Rotation
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray, IntArray
 from host.recording.motive_table import UNITS_M, Table, no_column, read_table
+from host.recording.text_table import number_of
 
+_NORM_TOLERANCE = 0.02  # of a quaternion; it is rounded, but not by this much
 _ERRORS = ("mean marker error", "error per marker")
 
 
@@ -89,7 +91,7 @@ def read_take(path: Path) -> MotiveTake:
 def _rate(header: dict[str, str], path: Path) -> float:
     for name in ("Export Frame Rate", "Capture Frame Rate"):
         try:
-            rate = float(header.get(name, ""))
+            rate = number_of(header.get(name, ""))
         except ValueError:
             continue
         if 0.0 < rate < math.inf:
@@ -135,6 +137,7 @@ def _things(table: Table, unit: float, path: Path) -> tuple[list[TakeBody], list
         positions = taken.take("position", "XYZ") * unit
         if any(quantity == "rotation" for quantity, _ in group) or kind in ("Rigid Body", "Bone"):
             quaternions = _quaternions(taken, table.header["Rotation Type"])
+            _check_norms(quaternions, taken, table, path)
             errors = taken.take_optional(_ERRORS) * unit
             tracked: BoolArray = np.asarray(
                 np.isfinite(positions).all(axis=1) & np.isfinite(quaternions).all(axis=1)
@@ -158,7 +161,7 @@ class _Group:
         values: FloatArray,
         path: Path,
     ) -> None:
-        self._title = f"{kind} {name}"
+        self.title = f"{kind} {name}"
         self._left = dict(group)
         self._values = values
         self._path = path
@@ -167,7 +170,7 @@ class _Group:
         """(n, axes). Raises UserError naming the column that is missing."""
         for axis in axes:
             if (quantity, axis) not in self._left:
-                name = f"{quantity.capitalize()} {axis} of {self._title}"
+                name = f"{quantity.capitalize()} {axis} of {self.title}"
                 raise no_column(self._path, name)
         return self._values[:, [self._left.pop((quantity, axis)) for axis in axes]]
 
@@ -182,10 +185,26 @@ class _Group:
         """Raise UserError where a column was not taken."""
         for quantity, axis in self._left:
             raise UserError(
-                f"{self._path}: the column {quantity} {axis} of {self._title} is not understood",
+                f"{self._path}: the column {quantity} {axis} of {self.title} is not understood",
                 "",
                 "export the take again with rigid bodies and markers only",
             )
+
+
+def _check_norms(quaternions: FloatArray, group: "_Group", table: Table, path: Path) -> None:
+    """Make nan of quaternions that are all zero, as they are where tracking was lost.
+
+    Raises UserError where one has another length than 1.
+    """
+    norms = np.linalg.norm(quaternions, axis=1)
+    quaternions[norms == 0.0] = np.nan
+    wrong = np.flatnonzero((norms > 0.0) & (np.abs(norms - 1.0) > _NORM_TOLERANCE))
+    if len(wrong):
+        raise UserError(
+            f"{path}, frame {table.frames[wrong[0]]}: the rotation of {group.title} is none",
+            f"its quaternion has the length {norms[wrong[0]]:.3g}, not 1",
+            "the file is damaged: export it again",
+        )
 
 
 def _quaternions(group: _Group, rotation: str) -> FloatArray:

@@ -6,10 +6,7 @@ with "Frame"), and one row a frame. Cells are blank where something was not seen
 their labels; 1.21 labels none, but keeps their order.
 """
 
-import csv
-import io
 import itertools
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +14,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray, IntArray
+from host.recording.text_table import number_of, read_rows
 
 FORMATS = ("1.21", "1.22", "1.23", "1.24", "1.25")
 UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
@@ -55,21 +53,13 @@ class Table:
 
 def read_table(path: Path) -> Table:
     """Read every cell of an export. Raises UserError naming line or column of what is wrong."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            text = file.read()
-        rows = list(csv.reader(io.StringIO(text, newline="")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise UserError(
-            f"cannot read {path}", why or str(error), "give the path of a CSV export of Motive"
-        ) from error
+    rows, ended = read_rows(path, "give the path of a CSV export of Motive")
     header = _header(rows[0] if rows else [], path)
     first = _frame_row(rows, path)
     columns, start = _columns(rows[1 : first + 1], path)
     numbers = _numbers(rows, first, start, path)
     _check_whole(header, numbers, path)
-    if not text.endswith("\n"):  # Motive ends every line, so the last number may be cut
+    if not ended:  # Motive ends every line, so the last number may be cut
         raise _cut(path, len(rows), "the line is not ended")
     frames, times = numbers[:, 0].astype(np.int64), numbers[:, 1].copy()
     return Table(header, columns, frames, times, numbers[:, start:])
@@ -78,8 +68,8 @@ def read_table(path: Path) -> Table:
 def _header(row: list[str], path: Path) -> dict[str, str]:
     """The first line's names and values, checked as far as reading on depends on them."""
     header = {name.strip(): value.strip() for name, value in zip(row[::2], row[1::2], strict=False)}
-    version = header.get("Format Version")
-    if version is None:
+    version = header.get("Format Version", "").replace(",", ".")
+    if not version:
         raise UserError(
             f"{path}, line 1: no export of Motive",
             "it does not begin with Format Version",
@@ -159,10 +149,11 @@ def _numbers(rows: list[list[str]], first: int, start: int, path: Path) -> Float
         if not row:
             continue
         if len(row) != width:
-            raise _cut(path, line, f"{len(row)} of {width} cells")
+            commas = ", as if decimals stood after commas" if len(row) > 1.5 * width else ""
+            raise _cut(path, line, f"{len(row)} of {width} cells{commas}")
         cells = row if start == 2 else [*row[:2], *[""] * (start - 2), *row[start:]]
         try:
-            numbers[count] = [float(cell) if cell else math.nan for cell in cells]
+            numbers[count] = [number_of(cell) for cell in cells]
         except ValueError:
             raise _no_number(path, line, cells) from None
         count += 1
@@ -178,7 +169,7 @@ def _cut(path: Path, line: int, why: str) -> UserError:
 def _no_number(path: Path, line: int, cells: list[str]) -> UserError:
     for column, cell in enumerate(cells, 1):
         try:
-            float(cell or "nan")
+            number_of(cell)
         except ValueError:
             what = f"{path}, line {line}, column {column}: {cell!r} is no number"
             return UserError(what, "", "the file is damaged: export it again")

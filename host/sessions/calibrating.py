@@ -13,22 +13,27 @@ from host.calibration.wheels.drives import drives_of
 from host.config import RobotConfig
 from host.errors import UserError
 from host.sessions.gathering import gather_source
+from host.sessions.truth_files import TruthFile
 
 CalibrationKind = Literal["wheels", "lidar", "camera", "detection"]
 
 
 def calibrate_from(
-    kind: CalibrationKind, source: str, robot: RobotConfig | None = None
+    kind: CalibrationKind,
+    source: str,
+    robot: RobotConfig | None = None,
+    truth: TruthFile | None = None,
 ) -> Calibration:
     """Fit a part of the robot's configuration to what a recording, or a scenario, holds.
 
     robot: what is known so far; a recording is read as if taken with it. None: the recording's
-    own, or the default. Raises UserError where the source cannot be read or has nothing to fit; a
-    fit that should not be used is returned, with its `failures`.
+    own, or the default. truth: in place of the recording's own. Raises UserError where the source
+    cannot be read or has nothing to fit; a fit that should not be used is returned, with its
+    `failures`.
     """
     if kind not in _FITS:
         raise UserError(f"there is no calibration of {kind!r}", f"known: {', '.join(_FITS)}")
-    return _FITS[kind](gather_source(source, robot))
+    return _FITS[kind](gather_source(source, robot, truth=truth))
 
 
 def _wheels(gathered: Gathered) -> Calibration:

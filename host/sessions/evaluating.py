@@ -17,6 +17,7 @@ from host.messages import Displacement
 from host.recording import mrclam
 from host.recording.mrclam import Landmarks
 from host.sessions import runs
+from host.sessions.truth_files import TruthFile
 from host.simulation.offline import OBSERVER
 from host.simulation.world.scenarios import Scenario
 
@@ -76,6 +77,7 @@ def score_sources(
     robot: RobotConfig | None = None,
     step: Step = _no_step,
     keep: Keep = _keep_nothing,
+    truth: TruthFile | None = None,
 ) -> list[Row]:
     """Rows of each filter with each choice of sensors on each source, in this order.
 
@@ -83,8 +85,8 @@ def score_sources(
     of the first two the sensors may fail, as in arena4:camera_false=5 (`host.evaluation.faults`).
     Several seeds of one scenario are pooled besides, in rows at the end. robot: None for the
     recordings' own and else the default. step: called with what has just been scored. keep:
-    called with each observer once it is scored by all filters. Raises UserError where a source is
-    not there, has no truth or is too short.
+    called with each observer once it is scored by all filters. truth: of recordings, in place of
+    their own. Raises UserError where a source is not there, has no truth or is too short.
     """
     rows: list[Row] = []
     scored: list[tuple[Scenario, Faults, Scores]] = []
@@ -92,7 +94,7 @@ def score_sources(
         if is_dataset(source):
             rows += _dataset_rows(source, filters, step, keep)
             continue
-        run = runs.load_run(source, robot)
+        run = runs.load_run(source, robot, truth)
         scores = scores_of(run, filters, sensors, step)
         rows += _rows(source, run.observer, scores)
         motion = [message for message in run.messages if isinstance(message, Displacement)]

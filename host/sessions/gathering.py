@@ -1,7 +1,7 @@
 """Where a calibration's data come from: a recording, a scenario, or the robot as it drives."""
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from host.calibration.gathered import Gathered
@@ -13,6 +13,7 @@ from host.pipeline import LOCALIZER
 from host.recording.log import Recording
 from host.sessions.running import RunOutcome, never, run_devices
 from host.sessions.runs import Progress, find_source, read_as, unseen
+from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import Simulation
 from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
@@ -36,21 +37,29 @@ def gather_source(
     robot: RobotConfig | None,
     progress: Progress = unseen,
     warn: Callable[[str], None] = print,
+    truth: TruthFile | None = None,
 ) -> Gathered:
     """What a recording holds, or what a scenario gives at full speed.
 
     A recording is read as if taken with the configuration `robot`, None: with its own. warn: gets
-    what is wrong with the source but does not prevent its use. Raises UserError.
+    what a user should know of the source but does not prevent its use. truth: in place of the
+    recording's own. Raises UserError.
     """
     found = find_source(source)
     if isinstance(found, Recording):
         config = robot or found.header.config
         gathered = Gathered(config)
-        for message in read_as(found, config):
+        messages: Iterable[Message] = read_as(found, config)
+        if truth is not None:
+            messages, clock = with_truth(messages, truth, config.mocap)
+            gathered.truth_time_sigma = clock.sigma
+        for message in messages:
             gathered.take(message)
         if found.torn:
             warn(f"{source}: its last line is torn, the run was cut short")
         return gathered
+    if truth is not None:
+        raise truth_of_scenario(source)
     simulation = Simulation(scenarios.parse_scenario(with_mocap(source)), robot or RobotConfig())
     gathered = Gathered(simulation.config)
     for message in simulation.messages():

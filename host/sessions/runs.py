@@ -29,6 +29,7 @@ from host.messages import (
     Truth,
 )
 from host.recording.log import SUFFIX, Recording
+from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
@@ -95,20 +96,23 @@ def find_source(source: str) -> Recording | Scenario:
     return scenarios.parse_scenario(source)
 
 
-def load_run(source: str, robot: RobotConfig | None) -> Run:
+def load_run(source: str, robot: RobotConfig | None, truth: TruthFile | None = None) -> Run:
     """Read a recording or simulate a scenario; a recording is read as if taken with `robot`.
 
-    The source may set faults of its sensors (`host.evaluation.faults`). Raises UserError where
-    there is neither, and for a recording without truth.
+    truth: in place of the recording's own. The source may set faults of its sensors
+    (`host.evaluation.faults`). Raises UserError where there is neither, and for a recording without
+    truth.
     """
     sound, faults = split(source)
     simulated = isinstance(find_source(sound), Scenario)
-    run = simulate_scenario(sound, robot) if simulated else load_recording(sound, robot)
+    if simulated and truth is not None:
+        raise truth_of_scenario(source)
+    run = simulate_scenario(sound, robot) if simulated else load_recording(sound, robot, truth)
     if not run.truths:
         raise UserError(
             f"{source} cannot be scored",
             "it holds no truth: nobody measured where the teammates really were",
-            "score a simulated run, or `swarmloc replay` it to see what is estimated",
+            "name a file of another system that did: --truth FILE:BODY; or score a simulated run",
         )
     if faults == NONE:
         return run
@@ -117,7 +121,9 @@ def load_run(source: str, robot: RobotConfig | None) -> Run:
     return replace(run, name=source, messages=messages, faults=faults)
 
 
-def load_recording(path: str | Path, robot: RobotConfig | None = None) -> Run:
+def load_recording(
+    path: str | Path, robot: RobotConfig | None = None, truth: TruthFile | None = None
+) -> Run:
     """What a recording holds; without motion capture or simulation there are no truths in it.
 
     robot: read it as if it were taken with this configuration; None: with its own. Raises
@@ -125,7 +131,10 @@ def load_recording(path: str | Path, robot: RobotConfig | None = None) -> Run:
     """
     recording = Recording(Path(path))
     config = robot or recording.header.config
-    messages, truths = _sort_out(read_as(recording, config), config)
+    stream = read_as(recording, config)
+    if truth is not None:
+        stream = iter(with_truth(stream, truth, config.mocap)[0])
+    messages, truths = _sort_out(stream, config)
     return Run(str(path), config.name, config, messages, truths)
 
 

@@ -183,7 +183,7 @@ def _rows(
         key="camera.delay_s",
         name="delay of the cameras",
         value=max(total[0], 0.0),
-        sigma=float(sigmas[-1]),
+        sigma=math.hypot(sigmas[-1], gathered.truth_time_sigma),
         before=cameras.delay_s,
         halves=(total[1], total[2]) if halves else None,
         unit="ms",

@@ -74,7 +74,12 @@ def calibrate(gathered: Gathered) -> Calibration:
     used = int(np.count_nonzero(outcome.used))
     return Calibration(
         kind="lidar",
-        fitted=_rows(configured, joint.values, _honest(joint.covariance, outcome), halves),
+        fitted=_rows(
+            configured,
+            joint.values,
+            _with_truth_time(_honest(joint.covariance, outcome), gathered),
+            halves,
+        ),
         checks=verdict(outcome),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
@@ -179,6 +184,13 @@ def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
         return covariance
     low, high = outcome.plausible
     return np.asarray(covariance * ((0.5 * (high - low)) ** 2 / covariance[3, 3]))
+
+
+def _with_truth_time(covariance: FloatArray, gathered: Gathered) -> FloatArray:
+    """The covariance (5, 5) with that of the truth's own time, which the delay is against."""
+    wider = covariance.copy()
+    wider[3, 3] += gathered.truth_time_sigma**2
+    return wider
 
 
 def _rows(

@@ -1,0 +1,133 @@
+"""Files of true paths, in the forms in which people have them; read right, or refused in words."""
+
+import math
+
+import numpy as np
+import pytest
+
+from host.calibration.truth.files import body_of, read_truth
+from host.errors import UserError
+from host.recording.named_columns import Units, units_of
+
+PLAIN = "time,x,y,heading\n0.0,1.0,2.0,0.5\n0.1,1.5,2.0,0.6\n0.2,,,\n0.3,1.7,2.1,0.7\n"
+EXPORT = (
+    "Format Version,1.23,Take Name,made up,Capture Frame Rate,100.000000,Export Frame Rate,"
+    "100.000000,Total Exported Frames,{frames},Rotation Type,Quaternion,Length Units,Millimeters,"
+    "Coordinate Space,Global\n\n,Type"
+    + ",Rigid Body" * 7
+    + "\n,Name"
+    + ",r1" * 7
+    + "\n,ID"
+    + ",7" * 7
+    + "\n,,"
+    + "Rotation," * 4
+    + "Position,Position,Position\n"
+    "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z\n{rows}"
+)
+
+
+def export(*rows):
+    return EXPORT.format(frames=len(rows), rows="".join(f"{row}\n" for row in rows))
+
+
+# Motive's y is up: a heading of 90 deg is a rotation about y; the floor's y is Motive's -z.
+ROWS = (
+    "100,1.000000,0.0,0.0,0.0,1.0,1000.0,80.0,-2000.0",
+    "101,1.010000,0.0,0.707107,0.0,0.707107,1010.0,80.0,-2000.0",
+    "102,1.020000,0.0,0.0,0.0,0.0,0.0,0.0,0.0",
+    "103,1.030000,,,,,,,",
+    "104,1.040000,0.0,-0.707107,0.0,0.707107,1020.0,80.0,-2000.0",
+)
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text, encoding="utf-8"):
+        path = tmp_path / "truth.csv"
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("cells", [",", ";", "\t", "decimal commas"])
+def test_named_columns_in_every_form(file, cells, encoding):
+    text = PLAIN.replace(",", ";").replace(".", ",") if cells == "decimal commas" else PLAIN
+    text = text if cells == "decimal commas" else text.replace(",", cells)
+    (path,) = read_truth(file(text, encoding), Units())
+    assert path.times.tolist() == [0.0, 0.1, 0.3]
+    assert path.poses.tolist() == [[1.0, 2.0, 0.5], [1.5, 2.0, 0.6], [1.7, 2.1, 0.7]]
+
+
+def test_units_bodies_comments_and_other_columns(file):
+    text = "# a tracker\nHeading, quality ,BODY,Time,Y,X\n90,1,a,1000,20,10\n-90,1,b,1000,40,30\n"
+    first, second = read_truth(file(text), units_of("ms,cm,deg"))
+    assert (first.name, second.name) == ("a", "b")
+    assert first.times.tolist() == [1.0]
+    assert first.poses[0] == pytest.approx([0.1, 0.2, math.pi / 2.0])
+    assert second.poses[0] == pytest.approx([0.3, 0.4, -math.pi / 2.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no column is called time"),
+        ("time,x,y\n0,0,0\n", "no column is called heading"),
+        ("time,x,x,y,heading\n", "more than one column is called x"),
+        ("time,x,y,heading\n", "no line with numbers"),
+        ("time,x,y,heading\n0,0,0,0\n0,1,1,1\n", "line 3 .*\n.*does not come after"),
+        ("time,x,y,heading\n0,0,zero,0\n", "line 2 .*\ny is no number: 'zero'"),
+        ("time,x,y,heading\n0,0,0\n", "line 2 .*\n.*3 of 4 cells"),
+    ],
+)
+def test_what_is_wrong_with_named_columns_is_named(file, text, words):
+    with pytest.raises(UserError, match=words):
+        read_truth(file(text), Units())
+
+
+@pytest.mark.parametrize("text", ["s,m", "s,m,turns", "h,m,rad", "s,m,rad,x"])
+def test_units_that_nobody_knows_are_refused(text):
+    with pytest.raises(ValueError, match="as s,mm,deg"):
+        units_of(text)
+
+
+@pytest.mark.parametrize("change", ["none", "utf-16", "spreadsheet"])
+def test_an_excerpt_of_a_take_without_its_lost_frames(file, change):
+    text = export(*ROWS)
+    if change == "spreadsheet":
+        text = text.replace(",", ";").replace(".", ",")
+    path = file(text, "utf-16" if change == "utf-16" else "utf-8")
+    (body,) = read_truth(path, Units())
+    assert body.name == "r1"
+    assert body.times.tolist() == [1.0, 1.01, 1.04]
+    assert body.poses[:, 0] == pytest.approx([1.0, 1.01, 1.02])
+    assert body.poses[:, 1] == pytest.approx(2.0)
+    assert body.poses[:, 2] == pytest.approx([0.0, math.pi / 2.0, -math.pi / 2.0], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (("1,0.01,0,0,0,0.5,0,0,0",), "frame 1: the rotation of Rigid Body r1 is none"),
+        (("1,0,01,0,0,0,0,0,0,1,0,0,0,0,0,0",), "decimals stood after commas"),
+    ],
+)
+def test_what_cannot_be_a_take_is_refused(file, rows, words):
+    with pytest.raises(UserError, match=words):
+        read_truth(file(export(*rows)), Units())
+
+
+def test_a_take_with_z_up_is_recognized(file):
+    rows = [f"{k},{0.01 * k:.2f},0,0,0,1,{100 * k},{200 * k},80" for k in range(9)]
+    (body,) = read_truth(file(export(*rows)), Units())
+    assert body.poses[:, :2] == pytest.approx(np.outer(np.arange(9), [0.1, 0.2]))
+
+
+def test_a_body_that_is_not_there_is_answered_with_those_that_are(file):
+    text = "time,x,y,heading,body\n0,0,0,0,a\n0,1,1,0,b\n"
+    paths = read_truth(file(text), Units())
+    assert body_of(paths, "b", "f.csv").name == "b"
+    for name in ("", "c"):
+        with pytest.raises(UserError, match="bodies: a, b"):
+            body_of(paths, name, "f.csv")
