@@ -145,6 +145,8 @@ class Bodies:
 class Health:
     """How a device does. ok: it delivers. reason: in words, with the next step where it does not.
 
+    Of one that is ok: how it does and, each after "; ", what could be better. Of one that is not,
+    lines: what, why, the next step, as far as they are known.
     counts: what it accepted and dropped since it started, by name.
     """
 

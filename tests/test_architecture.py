@@ -12,6 +12,7 @@ FLOORS = {
     "cli": 9,
     "experiments": 8,
     "sessions": 7,
+    "doctor": 7,
     "sources": 6,
     "viewer": 6,
     "pipeline": 5,

@@ -5,6 +5,7 @@ from typing import Any
 import click
 
 from host.cli.calibrate import calibrate
+from host.cli.doctor import doctor
 from host.cli.evaluate import evaluate
 from host.cli.flash import flash_command
 from host.cli.init import init
@@ -72,6 +73,7 @@ def main(plugins: tuple[str, ...], debug: bool) -> None:
 
 for command in (
     init,
+    doctor,
     run,
     simulate,
     replay,

@@ -52,9 +52,13 @@ class _Compared:
 
 
 class LidarAgainstCameras:
-    """Compares pictures with scans and judges the last minute."""
+    """Compares pictures with scans and judges the last minute.
 
-    def __init__(self, config: RobotConfig) -> None:
+    thinned: as above; else every scan is compared, whether the robot moves or not.
+    """
+
+    def __init__(self, config: RobotConfig, thinned: bool = True) -> None:
+        self._thinned = thinned
         self._lidar = config.lidar
         # Where a camera sees a teammate nearly as well as close by.
         self._near_m = min(0.8 * config.camera.half_range_m, config.lidar.max_range_m)
@@ -70,10 +74,11 @@ class LidarAgainstCameras:
 
     def take_scan(self, scan: Scan, path: Path) -> None:
         """Take the next scan. path: of the odometry, which has reached the scan's end."""
-        if self._positions is not None and 0.0 <= scan.time - self._positions.time < _EVERY_S:
+        before = -math.inf if self._positions is None else self._positions.time
+        if self._thinned and 0.0 <= scan.time - before < _EVERY_S:
             return
         (pose,) = path.poses(np.array([scan.time]))
-        if self._pose is not None:
+        if self._pose is not None and self._thinned:
             x, y, rotation = pose - self._pose
             if math.hypot(x, y) < _MOVED_M and abs(rotation) < _MOVED_RAD:
                 return
@@ -131,9 +136,9 @@ class LidarAgainstCameras:
 
     def fault(self) -> UserError | None:
         """How the two contradict each other, None where they do not."""
-        return self._rotated() or self._lidar_blind() or self._camera_blind()
+        return self.rotated() or self._lidar_blind() or self._camera_blind()
 
-    def _rotated(self) -> UserError | None:
+    def rotated(self) -> UserError | None:
         """Does every bearing of a camera lie beside its candidate by the same angle?"""
         found = {}
         for camera in sorted({entry.camera for entry in self._compared}):

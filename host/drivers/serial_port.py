@@ -10,29 +10,21 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from host.drivers.port_access import why_busy, why_forbidden
 from host.errors import UserError
 
 BY_ID = Path("/dev/serial/by-id")
 
 _ABSENT = ("no such device is plugged in", "")
-_FORBIDDEN = (
-    "this user may not use serial ports",
-    "run: sudo usermod -aG dialout $USER    then log in again",
-)
-_BUSY = (
-    "another program has it open, likely ModemManager or a second swarmloc",
-    "close it (sudo fuser -v PORT names it; sudo systemctl stop ModemManager)",
-)
 _GONE = ("the device was unplugged or its adapter reset", "")
 _OTHER = (
     "it is not a serial port that takes these settings",
     "check port in robot.toml; ls -l /dev/serial/by-id lists what is plugged in",
 )
+_FORBIDDEN, _BUSY = (errno.EACCES, errno.EPERM), (errno.EBUSY, errno.EAGAIN)
 # Error number: (cause, next step).
 _CAUSES = {
     **dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), _ABSENT),
-    **dict.fromkeys((errno.EACCES, errno.EPERM), _FORBIDDEN),
-    **dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY),
     **dict.fromkeys((errno.EIO, errno.EBADF), _GONE),
     **dict.fromkeys((errno.ENOTTY, errno.EINVAL, errno.EISDIR), _OTHER),
 }
@@ -93,7 +85,7 @@ def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Seria
     try:
         port.open()
     except OSError as error:
-        raise UserError(f"cannot open {path}", explain(error), next_step(error)) from error
+        raise UserError(f"cannot open {path}", *_why_closed(path, error)) from error
     except termios.error as error:
         raise UserError(f"cannot open {path}", str(error), "unplug it and plug it in again") from (
             error
@@ -121,6 +113,15 @@ def read_available(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
         # Linux reports a vanished USB adapter as for ever readable and for ever empty.
         raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
     return data
+
+
+def _why_closed(path: str, error: OSError) -> tuple[str, str]:
+    """Why a port does not open, and what to do, by what the system shows of it."""
+    if _number(error) in _FORBIDDEN:
+        return why_forbidden(path)
+    if _number(error) in _BUSY:
+        return why_busy(path)
+    return explain(error), next_step(error)
 
 
 def explain(error: OSError) -> str:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from host.drivers.romeo.ports import (
-    PASTE_RULE,
     BoardPort,
     boards,
     find_board,
@@ -20,6 +19,7 @@ from host.drivers.romeo.ports import (
 )
 from host.drivers.romeo.protocol import IdentityFrame
 from host.drivers.serial_port import stable_path
+from host.drivers.udev import PASTE
 from host.errors import UserError
 from host.flashing.firmware import PROJECT, Firmware
 from host.flashing.identity import compare, identity_of, read_identity
@@ -40,7 +40,7 @@ _BY_HAND = (
 )
 # A pattern in avrdude's output, the cause, and what to do.
 _AVRDUDE_CAUSES = (
-    (r"permission denied", "this user may not use the bootloader's port", PASTE_RULE),
+    (r"permission denied", "this user may not use the bootloader's port", PASTE),
     (
         r"verif|mismatch",
         "what was read back from the board is not what was written",

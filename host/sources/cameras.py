@@ -51,7 +51,7 @@ class StripCamera:
         if ok and torn > TORN_SHARE * searched:
             ok, reason = False, str(many_torn(torn / searched))
         elif ok and self._remark:
-            reason += f"; {self._remark}"
+            reason += f", {self._remark}"
         return dataclasses.replace(health, ok=ok, reason=reason, counts={**health.counts, **counts})
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from host.config import RobotConfig
+from host.drivers.computer import COMPUTER, Computer
 from host.drivers.natnet.client import MOCAP, NatNetClient
 from host.errors import UserError
 from host.messages import Truth
@@ -42,7 +43,7 @@ def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
             'source is "none" in [camera.front] and [camera.rear] of robot.toml',
             "name their sources there (docs/cameras.md), or use --sensors lidar",
         )
-    sources = {**_drivers(robot), **found, **_motion_capture(robot)}
+    sources = {**_drivers(robot), **found, **_motion_capture(robot), COMPUTER: Computer()}
     return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if found else LIDAR_ONLY, sources)
 
 

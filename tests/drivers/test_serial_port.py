@@ -1,9 +1,11 @@
 """Finding and opening ports: every failure in words, with the next step."""
 
 import errno
+import grp
 import os
 import threading
 import tty
+import types
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +13,7 @@ import pytest
 import serial
 from serial.tools import list_ports
 
-from host.drivers import serial_port
+from host.drivers import port_access, serial_port
 from host.drivers.reconnect import keep_connected
 from host.drivers.serial_port import (
     explain,
@@ -95,12 +97,26 @@ def test_a_port_that_no_system_can_open_is_told_in_words() -> None:
         open_port("tty\0", 128_000)
 
 
-def test_a_forbidden_port_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("mode", "names_group", "says"),
+    [
+        (0o660, "dialout", r"not in the group dialout\nrun: sudo usermod -aG dialout \$USER"),
+        (0o660, "root", r"no group may\npaste this(.|\n)*udev"),
+        (0o600, "dialout", r"no group may\npaste this(.|\n)*udev"),
+    ],
+)
+def test_a_forbidden_port_names_the_group(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, mode: int, names_group: str, says: str
+) -> None:
     def refuse(self: serial.Serial) -> None:
         raise serial.SerialException(errno.EACCES, "could not open port")
 
+    def stat(path: str) -> object:
+        return types.SimpleNamespace(st_mode=mode, st_gid=grp.getgrnam(names_group).gr_gid)
+
     monkeypatch.setattr(serial.Serial, "open", refuse)
-    with pytest.raises(UserError, match=r"sudo usermod -aG dialout \$USER .*log in again"):
+    monkeypatch.setattr(port_access.os, "stat", stat)
+    with pytest.raises(UserError, match=says):
         open_port("/dev/ttyUSB0", 128_000)
 
 

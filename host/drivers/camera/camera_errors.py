@@ -5,20 +5,13 @@ import os
 import stat
 from pathlib import Path
 
+from host.drivers.port_access import holder, why_forbidden
 from host.errors import UserError
 
 BY_PATH = Path("/dev/v4l/by-path")
 _MAJOR = 81  # of video devices
 
 _ABSENT = "no such camera is plugged in"
-_FORBIDDEN = (
-    "this user may not use cameras",
-    "run: sudo usermod -aG video $USER    then log in again",
-)
-_BUSY = (
-    "another program uses it",
-    "close it (sudo fuser -v {path} names it)",
-)
 _NO_BANDWIDTH = (
     "USB has no bandwidth left for it",
     "plug it into a port of another USB controller (lsusb -t shows them), not into the other "
@@ -33,12 +26,11 @@ _NO_CAMERA = (
     "v4l2-ctl --list-devices names the cameras; of each take the first device",
 )
 _CAUSES = {
-    **dict.fromkeys((errno.EACCES, errno.EPERM), _FORBIDDEN),
-    errno.EBUSY: _BUSY,
     errno.ENOSPC: _NO_BANDWIDTH,
     **dict.fromkeys((errno.EIO, errno.EPROTO, errno.EPIPE, errno.ETIMEDOUT), _SILENT),
     **dict.fromkeys((errno.ENOTTY, errno.EINVAL), _NO_CAMERA),
 }
+_FORBIDDEN = (errno.EACCES, errno.EPERM)
 _GONE = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 
@@ -59,8 +51,15 @@ def explain_camera(path: str, error: OSError) -> UserError:
     """The error a user reads for what the kernel refused."""
     if error.errno in _GONE:
         return absent(path)
+    if error.errno in _FORBIDDEN:
+        return UserError(f"cannot use {path}", *why_forbidden(path))
+    if error.errno == errno.EBUSY:
+        user = holder(path) or "another program"
+        return UserError(
+            f"cannot use {path}", f"{user} uses it", f"close it (sudo fuser -v {path} names it)"
+        )
     cause, step = _CAUSES.get(error.errno or 0, (error.strerror or str(error), _SILENT[1]))
-    return UserError(f"cannot use {path}", cause, step.format(path=path))
+    return UserError(f"cannot use {path}", cause, step)
 
 
 def second_device(path: str) -> UserError:

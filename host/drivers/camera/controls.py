@@ -37,6 +37,7 @@ _SHORTER = 4  # how often the exposure is halved in light too bright for the lea
 _SKIPPED, _AVERAGED = 4, 3  # pictures: until a setting shows in them, and to be averaged
 _FOLLOWS = 1.1  # times as bright at four times the exposure, at the least
 _STEADY, _LONGEST_WHITE = 0.01, 12  # warmth's change between two looks; how many looks
+HELD = "exposure, white balance and gain held"  # what is said where all is well
 _JUMP = 0.08  # of the warmth, when the white balance is held
 
 
@@ -200,7 +201,7 @@ class Controls:
         if not self._chosen:
             return ["its exposure and white balance are being set"]
         remarks = [*self._controls.check(camera), *self._controls.remarks.values()]
-        return remarks or ["exposure, white balance and gain held"]
+        return remarks or [HELD]
 
     def exposure_s(self, camera: Adjustable) -> float | None:
         """How long it exposes, None where it does not say."""

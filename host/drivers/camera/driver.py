@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from host.config import Camera
 from host.drivers.camera.camera_errors import absent, explain_camera, is_video_device
-from host.drivers.camera.controls import Controls
+from host.drivers.camera.controls import HELD, Controls
 from host.drivers.camera.files import CameraFrame, FrameSource, Pipe, RecordedFile
 from host.drivers.camera.liveness import Liveness
 from host.drivers.camera.mjpeg import size_of
@@ -134,8 +134,10 @@ class CameraDriver:
         if fault is not None:
             return False, str(fault)
         rate = pictures / seconds
-        words = [f"{rate:.{0 if rate >= 3.0 else 1}f} pictures/s", *source.remarks()]
-        return True, "; ".join(words)
+        how, said = f"{rate:.{0 if rate >= 3.0 else 1}f} pictures/s", source.remarks()
+        if said == [HELD]:
+            how, said = f"{how}, {HELD}", []
+        return True, "; ".join([how, *said, *self._liveness.remarks()])
 
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))

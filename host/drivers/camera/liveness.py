@@ -59,6 +59,13 @@ class Liveness:
         live = None if why_slow is None else self._frozen() or self._slow(now, came, why_slow)
         return live or self._shows_nothing()
 
+    def remarks(self) -> list[str]:
+        """What could be better about pictures that are of use."""
+        look = self._look
+        if look is None or look.level >= _DIM:
+            return []
+        return [f"the pictures are dim (level {look.level:.0f} of 255): switch on more light"]
+
     def pause(self) -> None:
         """No pictures come for now: the rate is judged anew when they do."""
         self._arrived.clear()

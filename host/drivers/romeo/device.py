@@ -90,8 +90,7 @@ class Romeo:
             return self._wanted[0]
 
     def _report_failure(self, emit: Callable[[Message], None], error: UserError) -> None:
-        parts = (error.what, error.why, error.next_step)
-        self._report(emit, False, "; ".join(part for part in parts if part))
+        self._report(emit, False, str(error))
 
     def _report(self, emit: Callable[[Message], None], ok: bool, reason: str) -> None:
         self._health.report(emit, ok, reason, self._session.counts)

@@ -1,15 +1,14 @@
 """The board's two USB faces, sketch and bootloader: which port is whose, and why one stays shut."""
 
-import errno
 import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import serial
 from serial.tools import list_ports
 
+from host.drivers.port_access import why_forbidden
 from host.drivers.serial_port import find_port, open_port, stable_path
 from host.errors import UserError
 
@@ -20,17 +19,6 @@ SKETCH_IDS = ((0x2341, 0x8036), (0x2A03, 0x8036))
 BOOTLOADER_IDS = ((0x2341, 0x0036), (0x2A03, 0x0036))
 POLL_S = 0.1
 ACCESS_S = 2.0  # a new port is there before the system has set its permissions
-PROCESSES = Path("/proc")
-
-_RULE = (
-    'ATTRS{idVendor}=="2341|2a03", ATTRS{idProduct}=="0036|8036", '
-    'MODE="0666", ENV{ID_MM_DEVICE_IGNORE}="1"'
-)
-PASTE_RULE = (
-    "paste this, then unplug the board and plug it in again:\n"
-    f"  echo '{_RULE}' | sudo tee /etc/udev/rules.d/60-romeo.rules\n"
-    "  sudo udevadm control --reload"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +97,11 @@ def wait_for(
 
 
 def wait_for_access(path: str) -> None:
-    """Return when this user may use the port. Raises UserError, with the rule to paste."""
+    """Return when this user may use the port. Raises UserError."""
     end = time.monotonic() + ACCESS_S
     while not os.access(path, os.R_OK | os.W_OK):
         if time.monotonic() > end:
-            raise UserError(
-                f"cannot open {path}", "this user may not use the board's port", PASTE_RULE
-            )
+            raise UserError(f"cannot open {path}", *why_forbidden(path))
         time.sleep(POLL_S)
 
 
@@ -129,38 +115,7 @@ def open_board(path: str, baudrate: int, patience_s: float = 0.0) -> serial.Seri
     while True:
         try:
             return open_port(path, baudrate, dtr=True)
-        except UserError as error:
+        except UserError:
             if time.monotonic() > end:
-                raise _words(path, error) from error
+                raise
         time.sleep(POLL_S)
-
-
-def _words(path: str, error: UserError) -> UserError:
-    cause = error.__cause__
-    if not isinstance(cause, OSError) or cause.errno not in (errno.EBUSY, errno.EAGAIN):
-        return error
-    holder = _holder(path)
-    if holder == "ModemManager":
-        return UserError(error.what, "ModemManager takes it for a modem and holds it", PASTE_RULE)
-    why = f"{holder} has it open" if holder else "another program has it open"
-    return UserError(error.what, why, "close that program and run `swarmloc flash` again")
-
-
-def _holder(path: str) -> str:
-    """The name of the program that has the port open; "" where that cannot be seen.
-
-    The files of other users' programs are hidden; ModemManager, which is root's, is then taken
-    for the holder wherever it runs.
-    """
-    port = os.path.realpath(path)
-    names = {}
-    for process in PROCESSES.glob("[0-9]*"):
-        if process.name == str(os.getpid()):
-            continue
-        try:
-            names[process] = (process / "comm").read_text("utf-8", "replace").strip()
-            if any(os.path.realpath(link) == port for link in (process / "fd").iterdir()):
-                return names[process]
-        except OSError:  # it has ended, or is another user's
-            continue
-    return "ModemManager" if "ModemManager" in names.values() else ""

@@ -205,8 +205,9 @@ class BoardSession:
         edges_fault, edges_remark = wrong_edges(identity, self._wheels)
         faults = [self._runaway.fault(now), edges_fault, self._checks.fault(now)]
         version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+        stored = ", had no settings stored and has robot.toml's now" * self._lost_settings
         remarks = [
-            f"firmware {version}",
+            f"firmware {version}{stored}",
             old_version(identity),
             *self._about_settings(settings),
             edges_remark,
@@ -217,14 +218,13 @@ class BoardSession:
         return not any(faults), "; ".join(reasons)
 
     def _about_settings(self, settings: SettingsFrame) -> list[str]:
-        lost = ["it had no settings stored and has robot.toml's now"] * self._lost_settings
         wanted = asdict(self._wanted_settings)
         others = [
             f"{name} {value} instead of {wanted[name]}"
             for name, value in asdict(settings).items()
             if value != wanted[name]
         ]
-        return lost + ["it can only set " + ", ".join(others)] * bool(others)
+        return ["it can only set " + ", ".join(others)] * bool(others)
 
     def _unanswered(self, now: float) -> str:
         if self._restarted and now < self._last_report + PATIENCE_S:

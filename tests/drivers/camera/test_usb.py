@@ -202,7 +202,7 @@ def test_no_permission_comes_with_the_line_to_paste(
 
     monkeypatch.setattr(v4l2_device.os, "open", refuse)
     bench.run(usb.path)
-    bench.wait_reason("this user may not use cameras\nrun: sudo usermod -aG video $USER")
+    bench.wait_reason("this user may not use it, and no group may\npaste this")
 
 
 def test_a_camera_without_jpeg(bench: Bench, usb: FakeCamera) -> None:

@@ -250,7 +250,7 @@ def test_lost_settings_are_told_while_the_board_works() -> None:
     line.run(1.0)
     ok, reason = line.state
     assert ok
-    assert "it had no settings stored" in reason
+    assert "had no settings stored" in reason
     assert not line.board.settings_defaulted
 
 

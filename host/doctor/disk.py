@@ -1,0 +1,54 @@
+"""How fast the disk is where recordings go: a few megabytes written as the recorder writes them."""
+
+import itertools
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from host.doctor.findings import Finding, Level, failed
+from host.errors import UserError
+
+PART = "disk"
+_PIECE, _PIECES = bytes(1 << 20), 8
+_SLOW, _TOO_SLOW = 4e6, 4e5  # bytes/s; a run with mocap and bearings records some 30 kB/s
+_LONG_S = 2.0  # of one flush: the queue of messages lasts 3 s
+_OTHER = "use another card or disk, or record to one: --record /path/on/it/FILE"
+
+
+def measure(folder: Path) -> Finding:
+    """Write a file that is gone afterwards, flushed to the disk piece by piece."""
+    try:
+        longest, seconds = _write(folder)
+    except OSError as error:
+        return failed(
+            PART,
+            UserError(
+                f"nothing can be recorded in {folder.absolute()}",
+                error.strerror or str(error),
+                "start swarmloc in a folder that can be written, or name one: --record FILE",
+            ),
+        )
+    rate = len(_PIECE) * _PIECES / seconds
+    what = f"writes {rate / 1e6:.3g} MB/s, at most {longest:.2f} s for 1 MB, to {folder.absolute()}"
+    if rate < _TOO_SLOW or longest > _LONG_S:
+        return Finding(PART, Level.FAIL, f"too slow to record: it {what}", _OTHER)
+    if rate < _SLOW:
+        return Finding(PART, Level.WARN, f"slow: it {what}", _OTHER)
+    return Finding(PART, Level.OK, what)
+
+
+def _write(folder: Path) -> tuple[float, float]:
+    """The longest time (s) of a piece, and the whole time."""
+    times = [time.monotonic()]
+    with tempfile.TemporaryFile(dir=folder) as file:
+        for _ in range(_PIECES):
+            file.write(_PIECE)
+            file.flush()
+            os.fsync(file.fileno())
+            times.append(time.monotonic())
+            if times[-1] - times[0] > 2.0 * _LONG_S:  # it is known to be slow by now
+                break
+    pieces = len(times) - 1
+    longest = max(after - before for before, after in itertools.pairwise(times))
+    return longest, max((times[-1] - times[0]) * _PIECES / pieces, 1e-9)

@@ -1,0 +1,65 @@
+"""Every part of a robot at work for some seconds, judged, with the next step of each."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from host.config import RobotConfig
+from host.cross_checks.checks import DEVICE
+from host.doctor import disk
+from host.doctor.counted import too_often
+from host.doctor.findings import Finding, Level, of_health
+from host.doctor.mountings import cameras_against_lidar
+from host.doctor.views import missing_returns
+from host.doctor.watching import SECONDS, Watched, watch
+from host.drivers.computer import COMPUTER, Computer
+from host.drivers.natnet.client import MOCAP
+from host.pipeline import LOCALIZER
+from host.sources.rig import Rig
+
+_FIRST = ("lidar", "board")
+
+
+def examine(
+    rig: Rig,
+    folder: Path,
+    computer: Computer,
+    seconds: float = SECONDS,
+    progress: Callable[[float, float], None] = lambda at, whole: None,
+) -> list[Finding]:
+    """Findings of each part of the rig, and of the computer. folder: where recordings go."""
+    disk_speed = disk.measure(folder)  # alone: nothing else is to wait for it
+    watched = watch(rig, {COMPUTER: computer}, seconds, progress=progress)
+    return [*findings_of(watched, rig.config), *_absent(rig), disk_speed]
+
+
+def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
+    """What was seen of devices that were watched, part by part."""
+    found = [finding for health in watched.health.values() for finding in of_health(health)]
+    found += too_often(watched)
+    if watched.health.get("lidar") is not None and watched.health["lidar"].ok:
+        found += missing_returns(watched.scans, config.lidar)
+    if all(finding.part != DEVICE or finding.level == Level.OK for finding in found):
+        found += cameras_against_lidar(watched, config)
+    return sorted(found, key=_place)
+
+
+def _place(finding: Finding) -> tuple[int, str, int]:
+    """Devices first in the order of the signal; of each the worst first."""
+    order = (*_FIRST, "front camera", "rear camera", "camera", MOCAP)
+    part = finding.part
+    late = len(order) + (part in (COMPUTER, LOCALIZER))
+    return order.index(part) if part in order else late, part, _worst(finding)
+
+
+def _worst(finding: Finding) -> int:
+    return [Level.FAIL, Level.WARN, Level.OK].index(finding.level)
+
+
+def _absent(rig: Rig) -> Sequence[Finding]:
+    """Parts that robot.toml does not name: nothing to check, which is said."""
+    absent = []
+    if not any("camera" in name for name in rig.sources):
+        absent.append("cameras")
+    if MOCAP not in rig.sources:
+        absent.append(MOCAP)
+    return [Finding(part, Level.OK, "not in robot.toml: not checked") for part in absent]

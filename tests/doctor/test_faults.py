@@ -1,0 +1,296 @@
+"""Injected faults, each at real drivers: the doctor names it and the right next step.
+
+All robots are examined at once: each needs twelve seconds, but little of the processor.
+"""
+
+import errno
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import serial
+
+from host.doctor import disk
+from host.doctor.examine import examine
+from host.doctor.findings import Finding, Level
+from host.drivers.camera import driver as camera_driver
+from host.drivers.camera import held_controls, v4l2_device
+from host.drivers.computer import Computer, Readings
+from host.drivers.serial_port import open_port
+from host.simulation.devices.board import STAND_IN
+from host.simulation.devices.natnet_server import CLOCK_HZ, NatNetServer
+from host.simulation.live import LiveSimulation
+from host.simulation.world.scenarios import parse_scenario
+from host.sources.rig import Rig
+from tests.doctor import benches
+from tests.doctor.benches import Bench
+from tests.drivers.camera.fake_camera import FakeCamera
+
+Make = Callable[[Bench], Rig]
+SECONDS = 12.0
+
+
+def cool(folder: Path) -> Readings:
+    return Readings(0, 100, 45.0, None, int(5e10), None)
+
+
+def frozen(number: int) -> bytes:
+    return benches.picture(0)
+
+
+def exchanged_cameras(bench: Bench) -> Rig:
+    scenario = parse_scenario("arena4:rendered=1,camera_hz=3,seed=3,mocap_hz=50")
+    live = bench.enter(LiveSimulation(scenario, benches.swarm_config(), board=STAND_IN))
+    return benches.swarm_rig(live, exchanged=True)
+
+
+def clock_jump(bench: Bench) -> Rig:
+    server = bench.enter(NatNetServer(benches.one_body, 50.0))
+    ticks, jump = server.ticks, time.monotonic() + 6.0
+    server.ticks = lambda at: ticks(at) + 3600 * CLOCK_HZ * (time.monotonic() > jump)
+    return benches.mocap_rig(server)
+
+
+def mocap_elsewhere(bench: Bench) -> Rig:
+    server = NatNetServer(benches.one_body, 50.0, connection="multicast")
+    server.streaming = False
+    bench.enter(server)
+    bench.enter(benches.frames_from_elsewhere(server))
+    return benches.mocap_rig(server)
+
+
+def forbidden(bench: Bench) -> Rig:
+    path = bench.folder / FORBIDDEN
+    path.symlink_to(bench.plug(benches.board()))
+    return benches.board_rig(str(path))
+
+
+def unlocked_exposure(bench: Bench) -> Rig:
+    camera = FakeCamera(bench.folder / "video0")
+    camera.controls[held_controls.AUTO_EXPOSURE].sticks = True
+    VIDEO[str(camera.path)] = camera
+    return benches.usb_camera_rig(camera)
+
+
+def held(bench: Bench) -> Rig:
+    path = bench.plug(benches.x4())
+    bench.enter(open_port(path, 128_000))
+    return benches.lidar_rig(path)
+
+
+def lidar(**faults: object) -> Make:
+    return lambda bench: benches.lidar_rig(bench.plug(benches.x4(**faults)))
+
+
+def board(**faults: object) -> Make:
+    return lambda bench: benches.board_rig(bench.plug(benches.board(**faults)))
+
+
+def camera(picture: Callable[[int], bytes]) -> Make:
+    return lambda bench: benches.camera_rig(bench.feed(picture))
+
+
+FORBIDDEN = "forbidden"  # name of a port that the system refuses to open
+VIDEO: dict[str, FakeCamera] = {}
+# The robot, the part that is named, how bad it is, words of the finding, words of the next step.
+FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
+    "no port": (
+        lambda bench: benches.lidar_rig("/dev/serial/by-id/absent"),
+        "lidar",
+        Level.FAIL,
+        "no such device is plugged in",
+        "check",
+    ),
+    "port held by another program": (held, "lidar", Level.FAIL, "has it open", "close"),
+    "no permission": (
+        forbidden,
+        "board",
+        Level.FAIL,
+        "this user may not use it",
+        "swarmloc doctor --udev-rules",
+    ),
+    "wrong baud": (
+        lambda bench: benches.lidar_rig(
+            bench.plug(benches.WrongBaud(benches.x4(), 115_200, 128_000))
+        ),
+        "lidar",
+        Level.FAIL,
+        "not as a YDLidar X4 does at 128000 baud",
+        "check that the port is the lidar's and the model an X4",
+    ),
+    "unpowered lidar motor": (
+        lidar(motor_powered=False),
+        "lidar",
+        Level.FAIL,
+        "its motor does not turn",
+        "connect the second USB lead",
+    ),
+    "checksum errors": (
+        lidar(corrupt_share=0.3),
+        "lidar",
+        Level.FAIL,
+        "% of the packets are damaged",
+        "use a short cable",
+    ),
+    "a few checksum errors": (
+        lidar(corrupt_share=0.05),
+        "lidar",
+        Level.WARN,
+        "wrong checksum",
+        "short cable",
+    ),
+    "dirty sector": (
+        lidar(sense=benches.behind_dirt),
+        "lidar",
+        Level.FAIL,
+        "something covers the window",
+        "look at the lidar's window there",
+    ),
+    "dead laser": (
+        lidar(laser_fires=False),
+        "lidar",
+        Level.FAIL,
+        "the laser does not fire",
+        "hold a hand 30 cm beside the lidar",
+    ),
+    "stale firmware": (
+        board(version=(0, 1, 0)),
+        "board",
+        Level.WARN,
+        "older than this program's",
+        "run `swarmloc flash`",
+    ),
+    "firmware of another protocol": (
+        board(protocol_hash=1),
+        "board",
+        Level.FAIL,
+        "firmware speaks 00000001",
+        "run `swarmloc flash`",
+    ),
+    "2x board with 4x settings": (
+        lambda bench: benches.board_rig(bench.plug(benches.board()), counts_per_turn=3840),
+        "board",
+        Level.FAIL,
+        "counts 2 edges in each of 960 periods",
+        "set counts_per_turn = 1920",
+    ),
+    "frozen camera": (camera(frozen), "front camera", Level.FAIL, "frozen", "unplug the camera"),
+    "dim camera": (
+        camera(lambda number: benches.picture(number, 0.25)),
+        "front camera",
+        Level.WARN,
+        "dim",
+        "switch on more light",
+    ),
+    "unlocked exposure": (
+        unlocked_exposure,
+        "front camera",
+        Level.WARN,
+        "exposure not held",
+        "another camera",
+    ),
+    "exchanged cameras": (
+        exchanged_cameras,
+        "cross-check",
+        Level.FAIL,
+        "front and rear camera are exchanged",
+        "exchange the two sources in [camera.front] and [camera.rear]",
+    ),
+    "mocap on another interface": (
+        mocap_elsewhere,
+        "motion capture",
+        Level.FAIL,
+        "packets come from 127.0.0.2 instead",
+        'set server = "127.0.0.2"',
+    ),
+    "clock jump": (
+        clock_jump,
+        "motion capture",
+        Level.WARN,
+        "its clock jumped",
+        "restart Motive",
+    ),
+}
+
+
+def refuse_and_fake(patch: pytest.MonkeyPatch) -> None:
+    """Have the system refuse one port, and answer for the cameras of VIDEO."""
+    whole = serial.Serial.open
+
+    def open_or_refuse(self: serial.Serial) -> None:
+        if str(self.port).endswith(FORBIDDEN):
+            raise serial.SerialException(errno.EACCES, "Permission denied")
+        whole(self)
+
+    patch.setattr(serial.Serial, "open", open_or_refuse)
+    is_device = camera_driver.is_video_device
+    patch.setattr(camera_driver, "is_video_device", lambda path: path in VIDEO or is_device(path))
+    patch.setattr(v4l2_device, "ask", lambda *asked: next(iter(VIDEO.values())).ioctl(*asked))
+
+
+def robots(bench: Bench) -> Iterator[tuple[str, Rig]]:
+    """The robot of each fault, and healthy ones."""
+    for name, (make, *_) in FAULTS.items():
+        yield name, make(bench)
+    for name, scenario in HEALTHY.items():
+        live = bench.enter(LiveSimulation(parse_scenario(scenario), RobotConfig(), board=STAND_IN))
+        yield name, benches.swarm_rig(live)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, list[Finding]]]:
+    """Findings of every robot, by the name of its fault."""
+    folder = tmp_path_factory.mktemp("robots")
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        Bench(folder) as bench,
+        ThreadPoolExecutor(len(FAULTS) + len(HEALTHY)) as pool,
+    ):
+        refuse_and_fake(patch)
+        found = {
+            name: pool.submit(examine, rig, folder, Computer(look=cool), SECONDS)
+            for name, rig in robots(bench)
+        }
+        yield {name: future.result() for name, future in found.items()}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_with_its_next_step(
+    name: str, diagnosis: dict[str, list[Finding]]
+) -> None:
+    _, part, level, what, step = FAULTS[name]
+    found = [f for f in diagnosis[name] if f.part == part and f.level != Level.OK]
+    assert any(f.level == level and what in f.what and step in f.next_step for f in found), (
+        diagnosis[name]
+    )
+    others = [f for f in diagnosis[name] if f.part != part and f.level != Level.OK]
+    assert not others
+
+
+HEALTHY = {f"seed {seed}": f"arena4:seed={seed},mocap_hz=50" for seed in (1, 2)}
+
+
+def test_healthy_robots_raise_no_alarm(diagnosis: dict[str, list[Finding]]) -> None:
+    for name in HEALTHY:
+        assert len({finding.part for finding in diagnosis[name]}) > 6
+        assert [f for f in diagnosis[name] if f.level != Level.OK] == [], name
+
+
+def test_a_slow_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert disk.measure(tmp_path).level in (Level.OK, Level.WARN)  # others may use it, too
+    sync = disk.os.fsync
+
+    def slow(handle: int) -> None:
+        time.sleep(0.3)
+        sync(handle)
+
+    monkeypatch.setattr(disk.os, "fsync", slow)
+    found = disk.measure(tmp_path)
+    assert (found.part, found.level) == ("disk", Level.WARN)
+    assert "slow" in found.what
+    assert "another card or disk" in found.next_step
+    gone = disk.measure(tmp_path / "absent")
+    assert gone.level == Level.FAIL
+    assert "--record" in gone.next_step
