@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 
+from host.config import RobotConfig
 from host.doctor import disk
 from host.doctor.examine import examine
 from host.doctor.findings import Finding, Level
