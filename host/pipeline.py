@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from host.cross_checks.checks import CrossChecks
+from host.drivers.pace import Pace
 from host.errors import UserError
 from host.localizer import Localizer
 from host.message_checks import fault
@@ -21,12 +22,12 @@ from host.messages import Bearings, Displacement, Estimate, Health, Message, Pos
 
 CAPACITY = 256  # messages: some 3 s of them
 _HEALTH_S = 1.0
-_STANDSTILL_S = 3.0  # without a report of the localizer, which is due every second
 _NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
 NOISE = "noise settings"
 _POLL_S = 0.1
-_JOIN_S = 5.0  # for a device to stop its motor and close its port
+_STOP_S = 1.2  # for all devices together to stop their motors and close their ports
+_DRAIN_S = 0.3  # for what is queued by then
 
 Sink = Callable[[Message], None]
 
@@ -141,6 +142,8 @@ class Pipeline:
         self._thread = threading.Thread(target=self._localize, name=LOCALIZER, daemon=True)
         counts = ("messages", "estimates", "dropped", "late", "malformed", "busy_ms")
         self._counts = dict.fromkeys(counts, 0)
+        self._pace = Pace(clock)
+        self._end = math.inf  # of taking messages
         self._busy_s = 0.0
         self._reported = dict(self._counts)
         self._last_health = 0.0
@@ -159,12 +162,18 @@ class Pipeline:
         traceback: TracebackType | None,
     ) -> None:
         self.stop.set()
+        end = time.monotonic() + _STOP_S
         for thread in self._sources:
-            thread.join(_JOIN_S)
+            thread.join(max(0.0, end - time.monotonic()))
             if thread.is_alive():
-                self.failures[thread.name] = TimeoutError(f"did not stop within {_JOIN_S:.0f} s")
+                self.failures[thread.name] = UserError(
+                    f"the {thread.name} did not stop within {_STOP_S:.1f} s",
+                    "the device or its driver in the kernel hangs",
+                    "unplug it and plug it in again",
+                )
         # A device that ignores `stop` and goes on must not keep the localizer from its end.
         self._queue.close()
+        self._end = self._clock() + _DRAIN_S
         self._thread.join()
 
     def _serve(self, name: str, source: Source) -> None:
@@ -184,17 +193,21 @@ class Pipeline:
 
     def _localize(self) -> None:
         try:
-            while not self._queue.exhausted:
-                message = self._queue.take(_POLL_S)
-                if message is not None:
-                    self._handle(message)
-                self._look()
+            while not (self._queue.exhausted or self._clock() > self._end):
+                with self._pace.within(_POLL_S):
+                    self._step()
                 self._report()
             self._publish(self._localizer.finish())
         except Exception as error:
             # Raised again by whoever reads `failures`, in a thread that can report it to the user.
             self.failures[LOCALIZER] = error
             self.stop.set()
+
+    def _step(self) -> None:
+        message = self._queue.take(_POLL_S)
+        if message is not None:
+            self._handle(message)
+        self._look()
 
     def _handle(self, message: Message) -> None:
         self._counts["messages"] += 1
@@ -260,19 +273,20 @@ class Pipeline:
         dropped, malformed, updates = (
             change[name] for name in ("dropped", "malformed", "estimates")
         )
+        slow = self._pace.fault()
         each_ms = change["busy_ms"] / max(1, updates)
         reason = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
         if dropped:
-            reason = f"too slow: {dropped} messages dropped; close other programs, or use fewer "
-            reason += "sensors (--sensors lidar)"
+            reason = f"this computer is too slow: {dropped} messages dropped; close other "
+            reason += "programs, or use fewer sensors (--sensors lidar)"
+        elif slow is not None:
+            reason = str(slow)
         elif malformed:
             reason = (
                 f"malformed messages dropped: {malformed}, the last of them {self._localizer.fault}"
             )
             reason += "; check what sends it"
-        if seconds > _STANDSTILL_S:
-            reason = f"stood still for {seconds:.0f} s: this computer was suspended or is too slow"
-        ok = not dropped and not malformed and seconds <= _STANDSTILL_S
+        ok = not dropped and not malformed and slow is None
         self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))
         noise = self._localizer.consistency
         if noise.known:

@@ -109,7 +109,7 @@ def test_a_closed_queue_gives_what_it_holds_and_takes_no_more():
 
 
 def test_a_device_that_ignores_the_end_and_goes_on_does_not_hold_the_run(monkeypatch):
-    monkeypatch.setattr(pipeline_module, "_JOIN_S", 0.1)
+    monkeypatch.setattr(pipeline_module, "_STOP_S", 0.1)
     over = threading.Event()
 
     class Deaf:
@@ -122,7 +122,7 @@ def test_a_device_that_ignores_the_end_and_goes_on_does_not_hold_the_run(monkeyp
             pass
     finally:
         over.set()
-    assert isinstance(pipeline.failures["lidar"], TimeoutError)
+    assert "did not stop" in str(pipeline.failures["lidar"])
 
 
 def test_a_queue_wakes_who_waits():
@@ -230,7 +230,7 @@ def test_the_localizer_tells_how_it_does_and_what_was_dropped():
     with Pipeline(a_localizer(), {"camera": Floods()}, {"slow": slow, "inbox": inbox}):
         told = inbox.wait_for(lambda m: isinstance(m, Health) and m.device == "localizer")
     assert not told.ok
-    assert told.reason.startswith("too slow: 45 messages dropped")
+    assert told.reason.startswith("this computer is too slow: 45 messages dropped")
     assert told.counts["dropped"] == 45
     assert told.counts["messages"] == 1 + 256
     assert told.counts["estimates"] == 1
@@ -257,7 +257,7 @@ def test_after_a_standstill_the_localizer_tells_once_what_it_did_a_second():
     with Pipeline(a_localizer(), sources, sinks, clock=lambda: now[0]):
         inbox.wait_for(lambda m: isinstance(m, Displacement) and m.time > 1.15)
     (told,) = inbox.of(Health)
-    assert told.reason.startswith("stood still for 100 s")
+    assert told.reason.startswith("this computer is too slow: swarmloc stood still for 99.9 s")
     assert told.counts["estimates"] == 10
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from host.errors import one_line
 from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Estimate, FloatArray, Health
+from host.messages import Estimate, FloatArray, Health, Message
 from host.pipeline import Now
 
 FRAME_S = 0.2
@@ -60,13 +60,6 @@ class State:
     real_time_factor: float = math.nan
     now: Now | None = None
     devices: dict[str, Health] = field(default_factory=dict)
-
-    def take(self, news: Now | Health) -> None:
-        """Note what is known now, or how a device does."""
-        if isinstance(news, Now):
-            self.now = news
-        else:
-            self.devices[news.device] = news
 
     @property
     def silent_s(self) -> float:
@@ -211,10 +204,16 @@ class Console:
         self._shown: dict[str, tuple[bool, str]] = {}
         self._progress: list[tuple[float, float]] = []  # clock, time of the newest reading
 
-    def take(self, news: Now | Health) -> None:
-        """Note something for the next drawing."""
+    def take(self, message: Message) -> None:
+        """Note how a device does, for the next drawing; all else is in what is known now."""
+        if isinstance(message, Health):
+            with self._lock:
+                self._state.devices[message.device] = message
+
+    def look(self, now: Now) -> None:
+        """Note what is known now, for the next drawing."""
         with self._lock:
-            self._state.take(news)
+            self._state.now = now
 
     def draw(self) -> None:
         """Draw what is due now."""

@@ -12,6 +12,7 @@ from host.cli.init import init
 from host.cli.print_sheets import print_group
 from host.cli.replay import replay
 from host.cli.run import run
+from host.cli.signals import signals_interrupt
 from host.cli.simulate import simulate
 from host.cli.sweep import sweep_command
 from host.errors import UserError
@@ -31,6 +32,10 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
+        with signals_interrupt():
+            return self._invoke(ctx)
+
+    def _invoke(self, ctx: click.Context) -> Any:
         if ctx.params["debug"]:
             return super().invoke(ctx)
         try:

@@ -56,7 +56,7 @@ class Player:
         if self._estimate is not None:
             time = self._estimate.time
             truth = min(self._truths, key=lambda each: abs(each.time - time), default=None)
-            self._console.take(Now(self._estimate, time, truth))
+            self._console.look(Now(self._estimate, time, truth))
         self._console.draw()
 
     def _wait(self, due: float) -> None:

@@ -16,8 +16,6 @@ from host.cli.console import FRAME_S, Console, State
 from host.cli.signals import signals_caught
 from host.cli.summary import summary
 from host.errors import UserError
-from host.messages import Bearings, Health, Measurement, Message, Positions
-from host.pipeline import Now, Sink
 from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration
 from host.sessions.running import RunOutcome, run_devices
@@ -136,9 +134,8 @@ def run(
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
         viewer = _viewer(rig, view)
-        if viewer is not None:
-            stack.enter_context(viewer)
-        outcome = _show_run(rig, seconds, record, viewer)
+        viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
+        outcome = _show_run(rig, seconds, record, viewers)
     click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)
     for name, error in outcome.failures.items():
@@ -163,12 +160,6 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
         )
 
 
-def _show_health(console: Console, message: Message) -> None:
-    """The part of what was measured and estimated that the screen does not get as known now."""
-    if isinstance(message, Health):
-        console.take(message)
-
-
 def _viewer(rig: Rig, view: tuple[str, int] | None) -> Viewer | None:
     """The server of the live page; None where none is wanted. Raises UserError."""
     scene = Scene(rig.config, rig.config.filter.profile)
@@ -183,32 +174,18 @@ def _viewer(rig: Rig, view: tuple[str, int] | None) -> Viewer | None:
 
 
 def _show_run(
-    rig: Rig, seconds: float | None, record: Path | None, viewer: Viewer | None
+    rig: Rig, seconds: float | None, record: Path | None, viewers: Mapping[str, Viewer]
 ) -> RunOutcome:
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure."""
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
-    page = "" if viewer is None else viewer.url
+    page = "".join(viewer.url for viewer in viewers.values())
     console = Console(State(title, rig.config.filter.profile, rig.sensors, page), sys.stdout)
-    sinks: dict[str, Sink] = {"screen": lambda message: _show_health(console, message)}
-    if viewer is not None:
-        sinks["page"] = viewer.take
-
-    def look(now: Now) -> None:
-        console.take(now)
-        if viewer is not None:
-            viewer.look(now)
-
-    def used(_: Measurement, readings: Positions | Bearings) -> None:
-        if viewer is not None:
-            viewer.take(readings)
-
     # Signals are caught until the devices are left in good order.
     with contextlib.closing(console), signals_caught() as signalled:
         return run_devices(
             rig,
-            sinks,
-            now=look,
-            used=used,
+            {},
+            {"screen": console, **viewers},
             seconds=seconds,
             record=record,
             stopped=signalled,

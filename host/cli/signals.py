@@ -1,7 +1,8 @@
-"""Ctrl-C and its kin end a run in good order."""
+"""Ctrl-C and its kin end a command in good order, and a second one at once."""
 
 import contextlib
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
@@ -12,21 +13,40 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def signals_caught() -> Iterator[Callable[[], bool]]:
     """Gives a function: did a signal to end come? A second one ends the program at once."""
     came = False
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
     def handle(number: int, stack: FrameType | None) -> None:
         # It interrupts this very thread wherever it is, perhaps inside a lock: take none here.
         nonlocal came
-        restore()
         came = True
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_DFL)
 
-    for number in _SIGNALS:
-        signal.signal(number, handle)
-    try:
+    with _handled_by(handle):
         yield lambda: came
+
+
+@contextlib.contextmanager
+def signals_interrupt() -> Iterator[None]:
+    """Each of them raises KeyboardInterrupt, as Ctrl-C does; a second one ends at once."""
+
+    def handle(number: int, stack: FrameType | None) -> None:
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    with _handled_by(handle):
+        yield
+
+
+@contextlib.contextmanager
+def _handled_by(handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals reach the main thread alone
+        return
+    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    try:
+        yield
     finally:
-        restore()
+        for number, handler in before.items():
+            if signal.getsignal(number) is not signal.SIG_DFL:  # none came
+                signal.signal(number, handler)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from host.drivers.pace import Pace
 from host.messages import Health
 
 
@@ -9,12 +10,13 @@ class HealthReporter:
     """Makes the Health messages of one device.
 
     device: its name in them. clock: host time in s. period_s: how often an unchanged state is
-    repeated.
+    repeated. pace: says each time how long the driver waits for its device.
     """
 
     def __init__(self, device: str, clock: Callable[[], float], period_s: float = 1.0) -> None:
         self._device = device
         self._clock = clock
+        self.pace = Pace(clock)
         self._period_s = period_s
         self._state: tuple[bool, str] | None = None
         self._next = 0.0
@@ -25,11 +27,16 @@ class HealthReporter:
         ok: bool,
         reason: str,
         counts: Callable[[], Mapping[str, int]],
+        certain: bool = False,
     ) -> None:
         """Emit Health where `ok` or `reason` changed, or the last message is a period old.
 
         ok: it delivers. reason: in words, see `Health`. counts: returns what it counted so far.
+        certain: what is wrong shows in something else than how much came when; else it may be
+        this computer that is slow, and it is named where it is.
         """
+        slow = None if ok or certain else self.pace.fault()
+        reason = reason if slow is None else str(slow)
         now = self._clock()
         if self._state == (ok, reason) and now < self._next:
             return

@@ -2,23 +2,26 @@
 
 import contextlib
 import math
+import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from host.cross_checks.checks import CrossChecks
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
-from host.localizer import Localizer, unnoticed
-from host.messages import Bearings, Measurement, Positions
-from host.pipeline import Now, Pipeline, Sink, unwatched
+from host.localizer import Localizer
+from host.messages import Bearings, Measurement, Message, Positions
+from host.pipeline import Now, Pipeline, Sink
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
 
+# A thread that wakes waits so long for one that computes; Python's own 5 ms would add up.
+_SWITCH_S = 0.0005
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 
 
@@ -28,6 +31,16 @@ class RunOutcome:
 
     figures: dict[str, Any]
     failures: dict[str, Exception]
+
+
+class Watcher(Protocol):
+    """Who shows a run to people or programs. Both are called in the localizer's thread."""
+
+    def take(self, message: Message) -> None:
+        """Note a message, or what was found in a measurement."""
+
+    def look(self, now: Now) -> None:
+        """Show what is known at this moment; ten times a second."""
 
 
 def never() -> bool:
@@ -42,30 +55,32 @@ def nothing() -> None:
 def run_devices(
     rig: Rig,
     sinks: Mapping[str, Sink],
+    watchers: Mapping[str, Watcher] | None = None,
     *,
     seconds: float | None = None,
     record: Path | None = None,
     stopped: Callable[[], bool] = never,
     watch: Callable[[], None] = nothing,
     watch_every_s: float = 0.2,
-    now: Callable[[Now], None] = unwatched,
-    used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
 ) -> RunOutcome:
     """Run until `stopped()`, for `seconds` or until the localizer fails.
 
-    sinks: by the name that Health calls them; each gets every message, in the localizer's thread.
-    record: the recording to write. watch: called in this thread every `watch_every_s`, and at the
-    end. now: told ten times a second what is known at that moment; used: each measurement, and the
-    readings that were found in it; both in the localizer's thread.
-    Raises UserError where the recording cannot be begun.
+    sinks, watchers: by the name that Health calls them; each gets every message, in the
+    localizer's thread. record: the recording to write. watch: called in this thread every
+    `watch_every_s`, and at the end. Raises UserError where the recording cannot be begun.
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
-    delays = Delays()
+    delays, shown = Delays(), watchers or {}
 
     def note(measurement: Measurement, readings: Positions | Bearings) -> None:
         delays.note(measurement)
-        used(measurement, readings)
+        for watcher in shown.values():
+            watcher.take(readings)
+
+    def look(now: Now) -> None:
+        for watcher in shown.values():
+            watcher.look(now)
 
     localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), note)
     tally = Tally()
@@ -74,6 +89,8 @@ def run_devices(
         if record is not None:
             header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
             all_sinks["recording"] = stack.enter_context(Recorder(record, header)).write
+        all_sinks |= {name: watcher.take for name, watcher in shown.items()}
+        stack.enter_context(_quick_switches())
         begin, begin_cpu = time.monotonic(), time.process_time()
         with Pipeline(
             localizer,
@@ -81,7 +98,7 @@ def run_devices(
             {**all_sinks, **sinks},
             rig.truth,
             checks=CrossChecks(rig.config),
-            watch=now,
+            watch=look,
         ) as pipeline:
             _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
@@ -98,6 +115,16 @@ def run_devices(
     if rig.simulated_board is not None:
         figures["simulated_board"] = rig.simulated_board
     return RunOutcome(figures, pipeline.failures)
+
+
+@contextlib.contextmanager
+def _quick_switches() -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 def _watch(

@@ -29,7 +29,7 @@ from host.simulation.offline import Simulation
 from host.simulation.pictures.render import Surroundings
 from host.simulation.world.scenarios import Scenario
 
-PUMP_S = 0.01  # more would make every message look later than it is
+PUMP_S = 0.002  # more would make every message look later than it is
 HEALTH_S = 1.0
 _STANDSTILL_S = 1.0  # without a turn of the pump: the process was suspended, or starved
 MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days

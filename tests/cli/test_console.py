@@ -41,7 +41,10 @@ def a_truth(positions, time=1.0):
 def a_state(*news):
     state = State("arena4 (simulated)", "phd", "lidar+camera")
     for each in news:
-        state.take(each)
+        if isinstance(each, Now):
+            state.now = each
+        else:
+            state.devices[each.device] = each
     return state
 
 
@@ -103,7 +106,7 @@ def test_silence_is_said_on_the_screen_and_on_a_line():
     assert any("nothing was measured for 1.0 s" in row for row in frame(state, 80))
     assert "real time" not in "".join(frame(state, 80))
     assert "nothing measured for 1.0 s" in line(state)
-    state.take(now_known([[1.0, 0.0]], time=7.6, measured=7.4))
+    state.now = now_known([[1.0, 0.0]], time=7.6, measured=7.4)
     assert "measured" not in "".join([*frame(state, 80), line(state)])
 
 
@@ -152,10 +155,10 @@ def screen_size(monkeypatch):
 def test_on_a_terminal_it_is_drawn_in_place(screen_size, shown):
     out = Output(terminal=True)
     drawn = Console(State("a title", "phd", "lidar"), out)
-    drawn.take(now_known([[1.0, 0.0], [2.0, 0.0]]))
+    drawn.look(now_known([[1.0, 0.0], [2.0, 0.0]]))
     drawn.take(Health(1.0, "lidar", False, LONG_REASON, {}))
     drawn.draw()
-    drawn.take(now_known([[1.5, 0.0]], time=2.0))
+    drawn.look(now_known([[1.5, 0.0]], time=2.0))
     drawn.take(Health(1.0, "lidar", True, "scanning", {}))
     drawn.draw()
     drawn.close()
@@ -173,7 +176,7 @@ def test_a_low_window_is_not_scrolled(screen_size, shown):
     screen_size(80, 10)
     out = Output(terminal=True)
     drawn = Console(State("a title", "phd", "lidar"), out)
-    drawn.take(now_known(np.random.default_rng(1).uniform(-2, 2, (20, 2))))
+    drawn.look(now_known(np.random.default_rng(1).uniform(-2, 2, (20, 2))))
     drawn.draw()
     drawn.draw()
     lines = shown(out.getvalue(), rows=10)
@@ -193,7 +196,7 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     now = [100.0]
     out = Output(terminal=False)
     drawn = Console(State("a title", "phd", "lidar"), out, clock=lambda: now[0])
-    drawn.take(now_known([[1.0, 0.0]]))
+    drawn.look(now_known([[1.0, 0.0]]))
     drawn.take(Health(1.0, "lidar", True, "scanning at 7.0 revolutions/s", {}))
     drawn.draw()
     assert out.take() == "swarmloc   a title\n    0.0 s  lidar ok: scanning at 7.0 revolutions/s\n"
@@ -226,7 +229,7 @@ def test_the_pace_is_measured_time_over_the_clocks(screen_size, shown):
     drawn = Console(state, out, clock=lambda: now[0])
     for k in range(20):
         now[0] = 0.5 * k
-        drawn.take(now_known([[1.0, 0.0]], time=0.25 * k))
+        drawn.look(now_known([[1.0, 0.0]], time=0.25 * k))
         drawn.draw()
     assert state.real_time_factor == pytest.approx(0.5)
     assert "real time x0.50" in "\n".join(shown(out.getvalue()))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from host.config import Camera
 from host.drivers.camera.camera_errors import absent, explain_camera, is_video_device
 from host.drivers.camera.controls import HELD, Controls
-from host.drivers.camera.files import CameraFrame, FrameSource, Pipe, RecordedFile
+from host.drivers.camera.files import WAIT_S, CameraFrame, FrameSource, Pipe, RecordedFile
 from host.drivers.camera.liveness import Liveness
 from host.drivers.camera.mjpeg import size_of
 from host.drivers.camera.usb import UsbCamera
@@ -88,7 +88,8 @@ class CameraDriver:
         checked, before, torn = self._clock(), self._counts.copy(), 0
         self._liveness = Liveness(self._camera.rate_hz, self._counts)
         while not self._stop.is_set():
-            frame = source.read(self._stop)
+            with self._health.pace.within(WAIT_S):
+                frame = source.read(self._stop)
             if frame is not None:
                 self._hand_out(frame, source.live)
             now = self._clock()
@@ -140,9 +141,11 @@ class CameraDriver:
         return True, "; ".join([how, *said, *self._liveness.remarks()])
 
     def _report_failure(self, error: UserError) -> None:
-        self._report(False, str(error))
+        self._health.report(
+            self._emit, False, str(error), lambda: self._all_counts(None), certain=True
+        )
 
-    def _report(self, ok: bool, reason: str, source: FrameSource | None = None) -> None:
+    def _report(self, ok: bool, reason: str, source: FrameSource) -> None:
         """Emit Health at a change of state and once a second."""
         self._health.report(self._emit, ok, reason, lambda: self._all_counts(source))
 

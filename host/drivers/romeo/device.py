@@ -75,12 +75,13 @@ class Romeo:
                     port.write(self._session.stop())
 
     def _turn(self, emit: Callable[[Message], None], port: serial.Serial) -> None:
-        data = read_available(port, READ_TIMEOUT_S)
+        with self._health.pace.within(READ_TIMEOUT_S):
+            data = read_available(port, READ_TIMEOUT_S)
         now = self._clock()
         for step in self._session.receive(data, now):
             emit(step)
         port.write(self._session.transmit(now, self._command_at(now)))
-        self._report(emit, *self._session.state(now))
+        self._health.report(emit, *self._session.state(now), self._session.counts)
 
     def _command_at(self, now: float) -> tuple[int, int] | None:
         """The last command in ticks/s (left, right), while it is in force."""
@@ -90,10 +91,7 @@ class Romeo:
             return self._wanted[0]
 
     def _report_failure(self, emit: Callable[[Message], None], error: UserError) -> None:
-        self._report(emit, False, str(error))
-
-    def _report(self, emit: Callable[[Message], None], ok: bool, reason: str) -> None:
-        self._health.report(emit, ok, reason, self._session.counts)
+        self._health.report(emit, False, str(error), self._session.counts, certain=True)
 
 
 def _clip(value: float, limit: float) -> float:

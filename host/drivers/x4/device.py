@@ -32,6 +32,7 @@ _SCAN_AGAIN_S = 5.0
 # Connecting again starts the motor anew, which costs a slow one its speed.
 _GIVE_UP_S = 20.0
 _HEALTH_PERIOD_S = 1.0
+READ_TIMEOUT_S = 0.05
 _RECENT_BYTES = 4096
 
 ReplyKind = TypeVar("ReplyKind", DeviceInfo, DeviceHealth)
@@ -104,7 +105,8 @@ class X4:
         return True
 
     def _read(self, port: serial.Serial) -> bytes:
-        data = read_available(port)
+        with self._health.pace.within(READ_TIMEOUT_S):
+            data = read_available(port, READ_TIMEOUT_S)
         self._recent = (self._recent + data)[-_RECENT_BYTES:]
         return data
 
@@ -196,7 +198,7 @@ class X4:
                 reason = why_silent(self._recent if skipped else b"", came, identity)
                 if now - last > _GIVE_UP_S:
                     raise reason
-                self._report_failure(reason)
+                self._report(False, str(reason))
                 if now - asked > _SCAN_AGAIN_S:  # a dip of its supply makes a lidar forget it
                     port.write(commands.SCAN)
                     asked = now
@@ -219,13 +221,17 @@ class X4:
         return True, in_words(change, rate_hz, identity, self._motor_switch)
 
     def _report_failure(self, error: UserError) -> None:
-        self._report(False, str(error))
+        self._report(False, str(error), certain=True)
 
-    def _report(self, ok: bool, reason: str) -> None:
+    def _report(self, ok: bool, reason: str, certain: bool = False) -> None:
         """Emit Health at a change of state and once a second."""
         counts = self._decoder.counts
         self._health.report(
-            self._emit, ok, reason, lambda: {**counts, "connections": self._connections}
+            self._emit,
+            ok,
+            reason,
+            lambda: {**counts, "connections": self._connections},
+            certain,
         )
 
 
