@@ -32,6 +32,7 @@ _NO_WEB = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+_GOODBYE_S = 1.0  # for readers to take leave; then they are cut off
 _READER_BUFFER = 65536  # bytes towards one reader; more would only grow old
 
 
@@ -52,7 +53,7 @@ class Viewer:
         self._loop = asyncio.new_event_loop()
         self._newest = 0, ""  # its number and text
         self._news = asyncio.Condition()
-        self._readers = 0
+        self._readers: set[ServerConnection] = set()
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
 
@@ -94,10 +95,16 @@ class Viewer:
             write_limit=_READER_BUFFER,
             close_timeout=0.5,
             server_header=None,
-        ):
+        ) as server:
             await self._stop.wait()
             async with self._news:
                 self._news.notify_all()
+            server.close()
+            try:
+                await asyncio.wait_for(server.wait_closed(), _GOODBYE_S)
+            except TimeoutError:
+                for connection in self._readers:  # they read nothing, not even the end
+                    connection.transport.abort()
 
     async def _publish(self, text: str) -> None:
         async with self._news:
@@ -129,7 +136,7 @@ class Viewer:
 
     async def _read(self, connection: ServerConnection) -> None:
         """Send one reader the newest text again and again, until it goes."""
-        self._readers += 1
+        self._readers.add(connection)
         number = 0
         try:
             while not self._stop.is_set():
@@ -141,7 +148,7 @@ class Viewer:
         except ConnectionClosed:
             pass
         finally:
-            self._readers -= 1
+            self._readers.discard(connection)
 
 
 def _listening(address: str, port: int) -> socket.socket:
