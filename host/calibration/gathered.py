@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from host.calibration.identity import check_identity
 from host.config import Mocap, RobotConfig
 from host.errors import UserError
 from host.geometry import Path, to_frame, to_parent
@@ -37,7 +38,8 @@ def untracked(nothing: str) -> UserError:
 class Tracks:
     """True paths of the robot and its teammates on the floor, from what motion capture saw.
 
-    identities (n,): of the teammates. Between frames paths are interpolated; while a body is lost
+    bodies: times (k,) s and poses (k, 3), headings not wrapped, of each by its number. identities
+    (n,): of the teammates. Between frames paths are interpolated; while a body is lost
     for longer than 0.1 s, before the first frame and after the last, everything is nan.
     Raises UserError where the robot's own body was never seen.
     """
@@ -46,15 +48,15 @@ class Tracks:
         times = np.concatenate([np.full(len(f.identities), f.time) for f in (_NOBODY, *frames)])
         numbers = np.concatenate([f.identities for f in (_NOBODY, *frames)])
         poses = np.concatenate([f.poses for f in (_NOBODY, *frames)])
-        self._bodies = {}
+        self.bodies: dict[int, tuple[FloatArray, FloatArray]] = {}
         for number in np.unique(numbers).tolist():
             chosen = np.flatnonzero(numbers == number)
             chosen = chosen[np.unique(times[chosen], return_index=True)[1]]
             path = poses[chosen].copy()
             path[:, 2] = np.unwrap(path[:, 2])
-            self._bodies[number] = times[chosen], path
-        if mocap.body not in self._bodies:
-            seen = ", ".join(str(number) for number in self._bodies) or "none"
+            self.bodies[number] = times[chosen], path
+        if mocap.body not in self.bodies:
+            seen = ", ".join(str(number) for number in self.bodies) or "none"
             raise UserError(
                 f"motion capture never saw body {mocap.body}, which is this robot",
                 f"bodies seen: {seen}",
@@ -64,19 +66,17 @@ class Tracks:
         # The robot frame in the body's own frame.
         back = to_frame(np.zeros((1, 2)), np.array([mocap.x_m, mocap.y_m, mocap.heading_rad]))
         self._robot = back, -mocap.heading_rad
-        self.identities: IntArray = np.array(
-            [n for n in self._bodies if n != mocap.body], dtype=int
-        )
+        self.identities: IntArray = np.array([n for n in self.bodies if n != mocap.body], dtype=int)
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last time (s) at which the robot was seen."""
-        times = self._bodies[self._body][0]
+        times = self.bodies[self._body][0]
         return float(times[0]), float(times[-1])
 
     def body(self, identity: int, times: FloatArray) -> FloatArray:
         """Poses (k, 3) of a body on the floor at `times` (k,): x, y (m), heading (not wrapped)."""
-        known, poses = self._bodies[identity]
+        known, poses = self.bodies[identity]
         times = np.asarray(times, dtype=float)
         after = np.clip(np.searchsorted(known, times), 1, max(len(known) - 1, 1))
         before = after - 1
@@ -130,6 +130,11 @@ class Gathered:
         self.bodies: list[Bodies] = []
         self.truth_time_sigma = 0.0
 
+    @property
+    def frame_times(self) -> FloatArray:
+        """When (k,) s motion capture saw anything, in the order in which it came."""
+        return np.array([frame.time for frame in self.bodies])
+
     def take(self, message: Message) -> None:
         """Keep a message if calibration has a use for it."""
         if isinstance(message, Scan):
@@ -142,14 +147,21 @@ class Gathered:
             self.bodies.append(message)
 
     def tracks(self) -> Tracks:
-        """The true paths. Raises UserError where there are none."""
+        """The true paths. Raises UserError where there are none, or not of this robot."""
         if not self.bodies:
             raise UserError(
                 "there is no motion capture to calibrate against",
                 "not one frame of it was received",
                 "name its source in [mocap] of robot.toml (docs/calibration.md)",
             )
-        return Tracks(self.bodies, self.config.mocap)
+        tracks = Tracks(self.bodies, self.config.mocap)
+        steps = [step for step in self.displacements if step.ticks is not None]
+        if steps:
+            times = np.array([steps[0].time - steps[0].interval, *(step.time for step in steps)])
+            ticks = np.cumsum([(0, 0), *(step.ticks for step in steps if step.ticks)], axis=0)
+            config = self.config
+            check_identity(times, ticks, tracks.bodies, config.wheels, config.mocap)
+        return tracks
 
     def path(self) -> Path:
         """The whole path by the wheels alone."""

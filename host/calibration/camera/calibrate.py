@@ -24,6 +24,7 @@ from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.robust.time_offset import scan
+from host.calibration.stamps import delay_check, stamps_check
 from host.config import Camera
 from host.errors import UserError
 from host.geometry import wrap
@@ -83,7 +84,11 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     return Calibration(
         kind="camera",
         fitted=_rows(gathered, fit, halves, known, off),
-        checks=verdict(cameras, fit, halves, table),
+        checks=(
+            *verdict(cameras, fit, halves, table),
+            stamps_check([gathered.frame_times]),
+            delay_check("cameras", cameras.delay_s + fit.delay, math.sqrt(fit.covariance[-1, -1])),
+        ),
         residuals=(
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"

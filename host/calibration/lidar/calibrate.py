@@ -28,6 +28,7 @@ from host.calibration.robust.time_offset import (
     fit_jointly,
     scan,
 )
+from host.calibration.stamps import delay_check, stamps_check
 from host.errors import UserError
 from host.geometry import to_parent, wrap
 from host.messages import FloatArray, IntArray
@@ -80,7 +81,11 @@ def calibrate(gathered: Gathered) -> Calibration:
             _with_truth_time(_honest(joint.covariance, outcome), gathered),
             halves,
         ),
-        checks=verdict(outcome),
+        checks=(
+            *verdict(outcome),
+            stamps_check([gathered.frame_times]),
+            delay_check("lidar", float(joint.values[3]), math.sqrt(joint.covariance[3, 3])),
+        ),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
         pictures=pictures(outcome),

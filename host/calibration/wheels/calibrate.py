@@ -10,7 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from host.calibration.identity import check_identity
 from host.calibration.result import Calibration
+from host.calibration.stamps import stamps_check
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
 from host.calibration.wheels.model import LAGS, Drive, values_of
 from host.calibration.wheels.noise import noise
@@ -32,10 +34,13 @@ from host.messages import FloatArray
 def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibration:
     """Fit radii, track, the tracked body's pose on the robot, the lag of the ticks, and noise.
 
-    wheels, mocap: as configured. Raises UserError where nothing moved, or a wheel counts the
-    wrong way round; whatever else keeps the fit from being used is a failed check.
+    wheels, mocap: as configured. Raises UserError where nothing moved, or the wheels do not count
+    as the body moves; whatever else keeps the fit from being used is a failed check.
     """
     drives = _usable(drives)
+    for drive in drives:
+        body = {mocap.body: (drive.truth_times, drive.truth)}
+        check_identity(drive.times, drive.ticks, body, wheels, mocap)
     driven = coverage(drives, wheels.track_m)
     both_ways = min(driven.left_rad, driven.right_rad) >= LEAST_TURN_RAD
     nominal = values_of(wheels, mocap, len(drives))
@@ -48,7 +53,10 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             *value_rows(found, halves, wheels, mocap),
             *noise_rows(*noise(drives, found), wheels),
         ),
-        checks=verdict(found, driven, wheels),
+        checks=(
+            *verdict(found, driven, wheels),
+            stamps_check([drive.truth_times for drive in drives]),
+        ),
         residuals=residuals(found),
         warnings=tuple(warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
@@ -81,7 +89,12 @@ def _fit(drives: Sequence[Drive], counts: int, nominal: FloatArray, both_ways: b
             "drive it for a minute, straight and in curves both ways, in view of motion capture",
         )
     if both_ways:
-        _check_signs(start)
+        if (start[:2] < 0.0).any():
+            raise UserError(
+                "the wheels cannot be calibrated: they do not move as the tracked body does",
+                "no combination of both wheels' ways gives its rotations",
+                "see that body in [mocap] is this robot, and that both run at the same time",
+            )
     else:
         # Only rotations both ways separate the wheels.
         start[:2] = nominal[:2] * np.median(np.abs(start[:2] / nominal[:2]))
@@ -98,21 +111,6 @@ def _fit(drives: Sequence[Drive], counts: int, nominal: FloatArray, both_ways: b
             "drive it for a minute in view of motion capture",
         )
     return found
-
-
-def _check_signs(start: FloatArray) -> None:
-    left, right = start[0] < 0.0, start[1] < 0.0
-    if not (left or right):
-        return
-    which = (
-        "both encoders count" if left and right else f"the {'left' if left else 'right'} one counts"
-    )
-    raise UserError(
-        "the wheels' encoders do not fit the true path",
-        f"{which} the wrong way round, or left and right are exchanged",
-        "set left_encoder_reversed, right_encoder_reversed in [motors] of robot.toml, or exchange "
-        "the plugs",
-    )
 
 
 def _halves(

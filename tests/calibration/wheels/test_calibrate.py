@@ -235,8 +235,8 @@ def test_counts_that_are_decoded_otherwise_are_written_and_radii_kept(factor):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda ticks: ticks * (-1, 1), "the left one counts the wrong way"),
-        (lambda ticks: ticks * (1, -1), "the right one counts the wrong way"),
+        (lambda ticks: ticks * (-1, 1), "the left encoder counts the wrong way"),
+        (lambda ticks: ticks * (1, -1), "the right encoder counts the wrong way"),
         (lambda ticks: ticks[:, ::-1], "exchanged"),
     ],
 )

@@ -1,0 +1,53 @@
+"""Stamps that are late at random, and those that only have holes."""
+
+import numpy as np
+import pytest
+
+from host.calibration.stamps import delay_check, lateness, stamps_check
+
+REGULAR = np.arange(6000) * 0.01
+
+
+def exponential(mean_s, seed=0):
+    return REGULAR + np.random.default_rng(seed).exponential(mean_s, len(REGULAR))
+
+
+@pytest.mark.parametrize("mean_s", [0.005, 0.01, 0.02])
+def test_the_mean_of_exponential_latenesses_is_found(mean_s):
+    assert lateness(exponential(mean_s)) == pytest.approx(mean_s, rel=0.15)
+
+
+def test_late_stamps_fail_also_where_they_came_in_order():
+    for times in (
+        exponential(0.02),
+        np.sort(exponential(0.02)),
+        np.maximum.accumulate(exponential(0.02)),
+    ):
+        check = stamps_check([times])
+        assert not check.passed
+        assert "late on average" in check.advice
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 30.0, 120.0, 240.0])
+def test_frames_that_are_lost_or_a_little_irregular_pass(rate_hz):
+    random = np.random.default_rng(1)
+    times = np.arange(3000) / rate_hz
+    kept = times[random.random(len(times)) > 0.1]
+    kept = kept[(kept < 5.0) | (kept > 8.0)] + random.normal(
+        0.0, 5e-4, np.count_nonzero((kept < 5.0) | (kept > 8.0))
+    )
+    assert stamps_check([kept]).passed
+    assert stamps_check([np.zeros(0)]).passed
+
+
+@pytest.mark.parametrize(
+    ("delay", "sigma", "passes"),
+    [
+        (0.08, 0.001, True),
+        (-0.001, 0.001, True),
+        (-0.016, 0.0016, False),
+        (-0.1, float("nan"), False),
+    ],
+)
+def test_a_negative_delay_is_refused(delay, sigma, passes):
+    assert delay_check("lidar", delay, sigma).passed is passes
