@@ -1,17 +1,23 @@
 """`swarmloc doctor`: is every part of the robot alive, and what to do where one is not?"""
 
 import contextlib
+import datetime
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
+from host.calibration import robot_file
 from host.cli import options
 from host.doctor.examine import examine
 from host.doctor.findings import Finding, Level, in_json, table
+from host.doctor.spin import Spin
 from host.doctor.watching import SECONDS
 from host.drivers.computer import Computer
+from host.drivers.romeo.device import Romeo
 from host.drivers.udev import RULES
+from host.errors import UserError
 from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration
 from host.sources.rig import Rig, real_rig, simulated_rig
@@ -40,6 +46,12 @@ Examples:
     show_default=True,
     help="Watch for so long. A covered lidar window shows after 11 s.",
 )
+@click.option(
+    "--spin",
+    is_flag=True,
+    help="Drive the wheels too, to see which motor or encoder is the other way round; asks first.",
+)
+@click.option("--yes", is_flag=True, help="Ask nothing: the answer is yes.")
 @click.option("--udev-rules", is_flag=True, help="Print the devices' udev rules, and nothing else.")
 @options.json_option
 @click.pass_context
@@ -48,6 +60,8 @@ def doctor(
     robot_path: Path | None,
     scenario: str | None,
     seconds: float,
+    spin: bool,
+    yes: bool,
     udev_rules: bool,
     json_path: Path | None,
 ) -> None:
@@ -64,16 +78,43 @@ def doctor(
             rig = real_rig(robot, None)
         else:
             rig = simulated_rig(stack, robot, scenario, {}, LIDAR_AND_CAMERA)
-        found = _examined(rig, seconds)
+        wheels = _spin(rig, yes) if spin else None
+        with options.progress_bar("watching the devices") as progress:
+            examined = examine(rig, Path.cwd(), Computer(), seconds, progress, wheels)
+    found = examined.findings
     click.echo(f"{rig.title}\n\n{table(found, shutil.get_terminal_size().columns)}\n")
     click.echo(_verdict(found))
     options.write_json(json_path, in_json(found))
+    if robot_path is not None and examined.settings:
+        _write(robot_path, examined.settings, yes)
     ctx.exit(any(finding.level == Level.FAIL for finding in found))
 
 
-def _examined(rig: Rig, seconds: float) -> list[Finding]:
-    with options.progress_bar("watching the devices") as progress:
-        return examine(rig, Path.cwd(), Computer(), seconds, progress)
+def _spin(rig: Rig, yes: bool) -> Spin:
+    """What drives the wheels, once the user agrees. Raises UserError where nothing can."""
+    board = rig.sources["board"]
+    if not isinstance(board, Romeo):
+        raise UserError(
+            "--spin cannot drive this robot",
+            "its board's driver takes no commands",
+            "leave --spin out",
+        )
+    if not yes:
+        click.confirm(
+            "Each wheel turns for a second, then the robot rotates to both sides. Is it on the "
+            "floor, with half a metre around it?",
+            abort=True,
+        )
+    return Spin(board.command, rig.config)
+
+
+def _write(path: Path, settings: Mapping[str, bool], yes: bool) -> None:
+    lines = "\n".join(f"  {key} = {str(value).lower()}" for key, value in settings.items())
+    click.echo(f"to be changed in {path}:\n{lines}")
+    if yes or click.confirm("Write it?"):
+        note = f"swarmloc doctor --spin, {datetime.date.today():%Y-%m-%d}"
+        robot_file.update(path, settings, note)
+        click.echo(f"wrote {path}; run the same command again to see that it is right")
 
 
 def _verdict(found: list[Finding]) -> str:

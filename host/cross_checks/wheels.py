@@ -139,7 +139,7 @@ class WheelsAgainstLidar:
             return "moves"
         if abs(reported[2]) > _APART_RAD and abs(reported[2] + seen[2]) < _APART_RAD:
             return "mirrored"
-        said, true = (_wheel_travel(motion, self._half_track) for motion in (reported, seen))
+        said, true = (wheel_travel(motion, self._half_track) for motion in (reported, seen))
         left, right = np.abs(said - true) < _WHEEL_M
         if left == right:
             return "differs"
@@ -150,7 +150,7 @@ def _within(motion: FloatArray, distance: float, angle: float) -> bool:
     return math.hypot(motion[0], motion[1]) < distance and abs(float(wrap(motion[2]))) < angle
 
 
-def _wheel_travel(motion: FloatArray, half_track: float) -> FloatArray:
+def wheel_travel(motion: FloatArray, half_track: float) -> FloatArray:
     """How far (left, right) m the wheels rolled for a motion (3,) along one arc."""
     x, y, rotation = motion
     half = 0.5 * rotation

@@ -1,6 +1,7 @@
 """Every part of a robot at work for some seconds, judged, with the next step of each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from host.config import RobotConfig
@@ -9,6 +10,7 @@ from host.doctor import disk
 from host.doctor.counted import too_often
 from host.doctor.findings import Finding, Level, of_health
 from host.doctor.mountings import cameras_against_lidar
+from host.doctor.spin import Spin
 from host.doctor.views import missing_returns
 from host.doctor.watching import SECONDS, Watched, watch
 from host.drivers.computer import COMPUTER, Computer
@@ -19,17 +21,32 @@ from host.sources.rig import Rig
 _FIRST = ("lidar", "board")
 
 
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """settings: what to change in robot.toml, by dotted key."""
+
+    findings: list[Finding]
+    settings: Mapping[str, bool]
+
+
 def examine(
     rig: Rig,
     folder: Path,
     computer: Computer,
     seconds: float = SECONDS,
     progress: Callable[[float, float], None] = lambda at, whole: None,
-) -> list[Finding]:
-    """Findings of each part of the rig, and of the computer. folder: where recordings go."""
+    spin: Spin | None = None,
+) -> Examined:
+    """Findings of each part of the rig, and of the computer. folder: where recordings go.
+
+    spin: drives the wheels once the rest is watched; None: they stand.
+    """
     disk_speed = disk.measure(folder)  # alone: nothing else is to wait for it
-    watched = watch(rig, {COMPUTER: computer}, seconds, progress=progress)
-    return [*findings_of(watched, rig.config), *_absent(rig), disk_speed]
+    more = {COMPUTER: computer}
+    watched = watch(rig, more, seconds, spin.run if spin else None, progress)
+    found, settings = spin.findings(watched) if spin else ([], {})
+    found = sorted([*findings_of(watched, rig.config), *found], key=_place)
+    return Examined([*found, *_absent(rig), disk_speed], settings)
 
 
 def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
@@ -40,7 +57,7 @@ def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
         found += missing_returns(watched.scans, config.lidar)
     if all(finding.part != DEVICE or finding.level == Level.OK for finding in found):
         found += cameras_against_lidar(watched, config)
-    return sorted(found, key=_place)
+    return found
 
 
 def _place(finding: Finding) -> tuple[int, str, int]:

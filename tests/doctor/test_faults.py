@@ -254,7 +254,7 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, li
             name: pool.submit(examine, rig, folder, Computer(look=cool), SECONDS)
             for name, rig in robots(bench)
         }
-        yield {name: future.result() for name, future in found.items()}
+        yield {name: future.result().findings for name, future in found.items()}
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -1,0 +1,73 @@
+"""How late each sensor is against the wheels, by headings while the robot rotates."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from host.doctor.findings import Finding, Level
+from host.doctor.lidar_motion import LidarMotion
+from host.doctor.watching import Watched
+from host.drivers.natnet.client import MOCAP
+from host.drivers.x4.device import LIDAR
+from host.messages import FloatArray
+
+_DELAYS_S = np.arange(-0.3, 0.3001, 0.005)
+_LATE_S = 0.08  # 5 deg of a bearing at 1 rad/s
+_FEWEST, _LEAST_RAD = 20, 1.0
+
+
+def sensor_delays(
+    watched: Watched, motion: LidarMotion, interval: tuple[float, float], body: int
+) -> list[Finding]:
+    """Delays of lidar and motion capture that robot.toml does not know, in an interval (s).
+
+    body: the number of this robot's own body.
+    """
+    times = np.array([step.time for step in watched.steps])
+    headings = np.cumsum([step.dpsi for step in watched.steps])
+    inside = (motion.times > interval[0]) & (motion.times < interval[1])
+    found = [_of(LIDAR, motion.times[inside], motion.poses[inside, 2], times, headings)]
+    own = [
+        (bodies.time, float(bodies.poses[bodies.identities == body][0, 2]))
+        for bodies in watched.bodies
+        if body in bodies.identities and interval[0] < bodies.time < interval[1]
+    ]
+    if own:
+        stamps, seen = np.array(own).T
+        found.append(_of(MOCAP, stamps, np.unwrap(seen), times, headings))
+    return [finding for finding in found if finding is not None]
+
+
+def _of(
+    part: str, stamps: FloatArray, seen: FloatArray, times: FloatArray, headings: FloatArray
+) -> Finding | None:
+    if len(stamps) < _FEWEST or len(times) < _FEWEST or np.ptp(seen) < _LEAST_RAD:
+        return None
+    delay = delay_s(stamps, seen, lambda at: np.interp(at, times, headings))
+    what = f"{1e3 * abs(delay):.0f} ms {'late' if delay > 0.0 else 'early'} against the wheels"
+    if abs(delay) <= _LATE_S:
+        return Finding(part, Level.OK, what)
+    section = "lidar" if part == LIDAR else "mocap"
+    return Finding(
+        part,
+        Level.WARN,
+        what,
+        f"swarmloc calibrate {'lidar' if part == LIDAR else 'wheels'}, "
+        f"which fits the delay of [{section}]",
+    )
+
+
+def delay_s(
+    stamps: FloatArray, seen: FloatArray, heading_at: Callable[[FloatArray], FloatArray]
+) -> float:
+    """The delay (s) of headings `seen` (n,) rad at `stamps` (n,) s.
+
+    heading_at: by the wheels, at times (n,) s; up to a constant and a scale.
+    """
+    costs = []
+    for delay in _DELAYS_S:
+        said = heading_at(stamps - delay)
+        design = np.column_stack((said, np.ones(len(said))))
+        _, residual, *_ = np.linalg.lstsq(design, seen, rcond=None)
+        costs.append(float(residual[0]) if len(residual) else np.inf)
+    return float(_DELAYS_S[int(np.argmin(costs))])

@@ -1,0 +1,69 @@
+"""How the robot moved by what its lidar saw alone, revolution by revolution."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.config import Lidar
+from host.cross_checks.scan_match import Surroundings
+from host.geometry import to_parent
+from host.messages import FloatArray, Scan
+
+_FEWEST_RETURNS = 60
+_FITS = 0.4  # not more than this share of the returns has nothing near it in the scan before
+
+
+@dataclass(frozen=True, slots=True)
+class LidarMotion:
+    """times (n,) s: the middle of each revolution. poses (n, 3): from the first one's (0, 0, 0).
+
+    Headings are not wrapped.
+    """
+
+    times: FloatArray
+    poses: FloatArray
+
+    def between(self, begin: float, end: float) -> FloatArray:
+        """The motion (3,) between two times, s, in the frame of the first one."""
+        first, last = (
+            np.array([np.interp(t, self.times, column) for column in self.poses.T])
+            for t in (begin, end)
+        )
+        c, s = math.cos(first[2]), math.sin(first[2])
+        x, y, heading = last - first
+        return np.array([c * x + s * y, c * y - s * x, heading])
+
+
+def motion_of(scans: Sequence[Scan], lidar: Lidar) -> LidarMotion | None:
+    """Match each scan with the one before; None where there are too few or they do not fit.
+
+    The robot should move by less than 0.3 m and 0.5 rad from one revolution to the next.
+    """
+    mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
+    usable = [scan for scan in scans if np.count_nonzero(scan.ranges > 0.0) >= _FEWEST_RETURNS]
+    if len(usable) < 2:
+        return None
+    seen = [_points(scan, mounting) for scan in usable]
+    poses, bad = [np.zeros(3)], 0
+    for before, points in itertools.pairwise(seen):
+        surroundings = Surroundings(before)
+        step = surroundings.match(points, np.zeros(3))
+        bad += surroundings.misfit(points, step) > _FITS
+        at = poses[-1]
+        x, y = to_parent(step[None, :2], at)[0]
+        poses.append(np.array([x, y, at[2] + step[2]]))
+    if bad > 0.2 * len(poses):
+        return None
+    times = np.array([float(np.mean(scan.times)) for scan in usable])
+    return LidarMotion(times, np.array(poses))
+
+
+def _points(scan: Scan, mounting: FloatArray) -> FloatArray:
+    """Its returns (n, 2) m in the robot frame, as if the robot stood."""
+    returned = scan.ranges > 0.0
+    ranges, angles = scan.ranges[returned], scan.angles[returned]
+    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
+    return np.asarray(to_parent(beams, mounting))

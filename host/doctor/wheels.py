@@ -1,0 +1,134 @@
+"""One wheel was driven forward: which one moved, which encoder counted, and which way?
+
+Signs are as the robot is set up now: what is found to be the other way round is to be toggled.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from host.config import Motors
+from host.doctor.findings import Finding, Level
+from host.messages import FloatArray
+
+SIDES = ("left", "right")
+MOVED_M = 0.02  # of a wheel's travel; less is no movement
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTest:
+    """side: 0 left, 1 right, of the wheel that was driven forward.
+
+    counted (2,) m: travel of the wheels (left, right) by their encoders. seen (2,) m: the same by
+    the lidar; None where it cannot tell, as with wheels in the air.
+    """
+
+    side: int
+    counted: FloatArray
+    seen: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """settings: what to change in robot.toml, by dotted key, so that it is right."""
+
+    finding: Finding
+    settings: Mapping[str, bool] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        return self.finding.level == Level.OK
+
+
+def diagnose(test: WheelTest, motors: Motors) -> Diagnosis:
+    """What the test of one wheel says of its motor and its encoder."""
+    name, other = SIDES[test.side], SIDES[1 - test.side]
+    counted, seen = _mover(test.counted), None if test.seen is None else _mover(test.seen)
+    if seen is None:
+        return _without_lidar(test, counted, motors)
+    if seen != test.side:
+        what = f"commanded to the {name}, the {other} wheel turned"
+        if counted == test.side:
+            return _bad(
+                f"{what}, which the {name} encoder counted: the sides are exchanged",
+                "exchange both plugs of left and right",
+            )
+        return _bad(
+            f"{what}: the motors' leads are exchanged", "exchange the plugs of the two motors"
+        )
+    if counted is None:
+        return _bad(
+            f"the {name} wheel turned, but its encoder counted next to nothing",
+            f"check the leads of the {name} encoder and its 5 V",
+        )
+    if counted != test.side:
+        return _bad(
+            f"the {name} wheel turned, and the {other} encoder counted: the encoders are exchanged",
+            "exchange the leads of the two encoders",
+        )
+    assert test.seen is not None
+    return _which_way(test.side, test.seen[test.side] > 0.0, test.counted[test.side] > 0.0, motors)
+
+
+def _which_way(side: int, moved_forward: bool, counted_forward: bool, motors: Motors) -> Diagnosis:
+    name = SIDES[side]
+    wrong = {
+        f"{name}_reversed": not moved_forward,
+        f"{name}_encoder_reversed": moved_forward != counted_forward,
+    }
+    settings = {
+        f"motors.{key}": not getattr(motors, key) for key, is_wrong in wrong.items() if is_wrong
+    }
+    if not settings:
+        return Diagnosis(Finding("board", Level.OK, f"the {name} wheel and its encoder go forward"))
+    parts = [
+        part
+        for part, is_wrong in zip(("motor", "encoder"), wrong.values(), strict=True)
+        if is_wrong
+    ]
+    verb = "are" if len(parts) == 2 else "is"
+    what = f"the {name} {' and the '.join(parts)} {verb} the other way round"
+    step = "in robot.toml set " + ", ".join(
+        f"{key.partition('.')[2]} = {str(value).lower()}" for key, value in settings.items()
+    )
+    return Diagnosis(Finding("board", Level.FAIL, what, step), settings)
+
+
+def _without_lidar(test: WheelTest, counted: int | None, motors: Motors) -> Diagnosis:
+    """What the encoders alone say: the lidar saw no wheel move."""
+    name, other = SIDES[test.side], SIDES[1 - test.side]
+    if counted is None:
+        return _bad(
+            f"the {name} wheel was driven; nothing moved, and no encoder counted",
+            "motor switch and motor jumpers of the board, 7.5 V at M_VIN, its fuse",
+        )
+    if counted != test.side:
+        return _bad(
+            f"commanded to the {name}, the {other} encoder counted",
+            "exchange the plugs of the motors, or those of the encoders: look which wheel turns",
+        )
+    if test.counted[test.side] < 0.0:
+        return _bad(
+            f"the {name} wheel was driven forward and its encoder counted backward",
+            f"look which way it turns: forward, toggle {name}_encoder_reversed in robot.toml; "
+            f"backward, toggle {name}_reversed; or test on the floor, where the lidar sees it",
+        )
+    return Diagnosis(
+        Finding(
+            "board",
+            Level.OK,
+            f"the {name} encoder counts forward; the lidar saw nothing move, as with wheels in the "
+            "air",
+        )
+    )
+
+
+def _bad(what: str, next_step: str) -> Diagnosis:
+    return Diagnosis(Finding("board", Level.FAIL, what, next_step))
+
+
+def _mover(travel: FloatArray) -> int | None:
+    """The wheel that went further, None where neither moved."""
+    further = int(np.argmax(np.abs(travel)))
+    return further if abs(travel[further]) >= MOVED_M else None
