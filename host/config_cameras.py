@@ -91,9 +91,11 @@ class Cameras(Section):
     """The cameras, as sensors of bearings, and what they look for.
 
     mains_hz: of the mains that the lamps are on; exposures are multiples of its half period.
+    search_rate_hz: so many pictures of each camera a second are searched, at the most.
     """
 
     mains_hz: Literal[50, 60] = 50
+    search_rate_hz: float = Field(15.0, ge=0.1, le=240.0)
     delay_s: float = Field(0.15, ge=0.0, le=2.0)
     bearing_noise_rad: float = Field(0.02, gt=0.0, lt=1.0)
     max_range_m: float = Field(6.0, gt=0.1, le=12.0)

@@ -16,7 +16,7 @@ import numpy as np
 from host.config import Cameras, Strip
 from host.geometry import wrap
 from host.messages import FloatArray, Image, IntArray
-from host.perception.panorama import Extent, Panorama, Single
+from host.perception.panorama import Extent, Panorama, Single, opponent
 from host.perception.strip_geometry import LEVEL_RAD, StripGeometry
 
 _NEAREST_M, _FARTHEST_M, _DISTANCES = 0.3, 4.5, 11
@@ -79,15 +79,13 @@ class PairFilter:
         sizes = [(t.wide, t.upper, t.lower) for t in self._templates]
         self._sizes = np.array(sizes, dtype=np.int64)
 
-    def candidates(self, green: Image, magenta: Image) -> list[Candidate]:
+    def candidates(self, picture: Image, cast: float) -> list[Candidate]:
         """The best place of each thing that looks like a strip, the surest first.
 
-        green, magenta (rows, columns): how much of them the reduced picture has, by FULL.
+        picture (rows, columns, 3): the reduced one, BGR; cast: of the light on grey in it.
         """
-        upper, lower = (
-            np.minimum(self.panorama.of(colour), _MOST_COLOUR) for colour in (green, magenta)
-        )
-        pair = cv2.subtract(upper, lower, dtype=cv2.CV_32F)
+        colour = opponent(self.panorama.of(picture), cast)
+        pair = np.clip(colour, -_MOST_COLOUR, _MOST_COLOUR)
         sums: Single = np.asarray(cv2.integral(pair, sdepth=cv2.CV_32F), dtype=np.float32)
         places = [
             (np.full(len(rows), number), rows, columns)

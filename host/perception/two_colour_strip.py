@@ -15,7 +15,7 @@ from host.messages import BoolArray, FloatArray, Image
 from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
 from host.perception.pair_filter import Candidate, PairFilter, Template
-from host.perception.panorama import green_and_magenta
+from host.perception.panorama import Single, cast_of, opponent
 from host.perception.strip_geometry import StripGeometry, full_size
 
 _EDGE = 0.2  # of the half's colour: less is taken for the background
@@ -41,15 +41,15 @@ class TwoColourSearch:
 
     def blobs_in(self, picture: Image) -> list[Blob]:
         """Everything that looks like a strip, left to right. picture (rows, columns, 3) BGR."""
-        green, magenta = green_and_magenta(picture)
+        cast = cast_of(picture)
         found: list[Blob] = []
-        for candidate in self._filter.candidates(green, magenta):
-            blob = self._measured(candidate, green, magenta)
+        for candidate in self._filter.candidates(picture, cast):
+            blob = self._measured(candidate, picture, cast)
             if blob is not None and not _seen_already(blob, found):
                 found.append(blob)
         return sorted(found, key=lambda blob: blob.x)
 
-    def _measured(self, candidate: Candidate, green: Image, magenta: Image) -> Blob | None:
+    def _measured(self, candidate: Candidate, picture: Image, cast: float) -> Blob | None:
         """Weigh the pixels about a candidate; None where nothing of one colour is left."""
         box = self._box(candidate)
         if box is None:
@@ -68,9 +68,10 @@ class TwoColourSearch:
         lower = (elevation > -_WINDOW_TALL * template.lower_rad) & (
             elevation < _OVERLAP * template.upper_rad
         )
+        colour = opponent(picture[box], cast)
         shares = [
-            _share(colour[box], half & inside, half & beside).ravel()
-            for colour, half in ((green, upper), (magenta, lower))
+            _share(np.maximum(side * colour, 0.0), half & inside, half & beside).ravel()
+            for side, half in ((1.0, upper), (-1.0, lower))
         ]
         solid, x, y = self._weights[:, *box]
         features = np.stack((solid, solid * azimuth, x, y)).reshape(4, -1)
@@ -137,12 +138,12 @@ def _reason(template: Template, apart: float, distance: float, reach: float) -> 
     return ""
 
 
-def _share(colour: Image, inside: BoolArray, beside: BoolArray) -> FloatArray:
+def _share(colour: Single, inside: BoolArray, beside: BoolArray) -> FloatArray:
     """How much of each pixel `inside` a half fills, 0 to 1.
 
     0 is what the background `beside` it has of its colour, 1 what the strongest pixels have.
     """
-    strength = np.where(inside, colour, 0).astype(np.float32)
+    strength = np.where(inside, colour, np.float32(0.0))
     full = float(np.vdot(strength, strength)) / max(float(strength.sum()), 1e-9)
     none = float(colour[beside].mean()) if beside.any() else 0.0
     share = np.clip((strength - none) / max(full - none, 1.0), 0.0, 1.0)

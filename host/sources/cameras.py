@@ -20,7 +20,9 @@ class StripCamera:
     """
 
     def __init__(self, name: str, cameras: Cameras, camera: Camera, remark: str = "") -> None:
-        self._driver = CameraDriver(f"{name} camera", camera, cameras.delay_s, cameras.mains_hz)
+        self._driver = CameraDriver(
+            f"{name} camera", camera, cameras.delay_s, cameras.mains_hz, cameras.search_rate_hz
+        )
         self._remark = remark
         self._finder = StripFinder(cameras, camera, name=name)
 

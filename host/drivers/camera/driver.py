@@ -1,5 +1,6 @@
 """One camera, or what stands for it: JPEG pictures with their times, and its Health."""
 
+import math
 import os
 import stat
 import threading
@@ -21,6 +22,7 @@ from host.errors import UserError
 from host.messages import Health
 
 _HEALTH_PERIOD_S = 1.0
+_EARLY = 0.25  # of a camera's period: a picture that comes so much before it is due is in time
 TORN_SHARE = 0.1  # of the pictures; more of them damaged is a fault
 
 
@@ -38,7 +40,7 @@ class CameraDriver:
 
     name: what Health calls it. camera: its source, size and rate. delay_s: from the exposure to the
     time stamp of a camera, or to the arrival where there is no stamp. mains_hz: of the lamps'
-    mains. clock: host time in s.
+    mains. most_hz: what comes live more often is judged, but not emitted. clock: host time in s.
     """
 
     def __init__(
@@ -47,11 +49,14 @@ class CameraDriver:
         camera: Camera,
         delay_s: float,
         mains_hz: int = 50,
+        most_hz: float = math.inf,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._health = HealthReporter(name, clock, _HEALTH_PERIOD_S)
         self._camera = camera
         self._delay_s = delay_s
+        self._apart_s = 1.0 / most_hz - _EARLY / camera.rate_hz
+        self._due = -math.inf  # time stamp of the next picture that is emitted, at the earliest
         self._clock = clock
         self._controls = Controls(mains_hz)
         self._emit: Callable[[Picture | Health], None] = lambda message: None
@@ -109,6 +114,10 @@ class CameraDriver:
         if not self._liveness.is_new(frame.jpeg) and live:
             return
         self._counts["pictures"] += 1
+        if live and self._due - self._apart_s <= frame.time < self._due:
+            self._counts["not_needed"] += 1
+            return
+        self._due = frame.time + self._apart_s
         moment = frame.time - self._delay_s if live else frame.time
         self._emit(Picture(moment, frame.jpeg, self._sequence))
         self._sequence += 1

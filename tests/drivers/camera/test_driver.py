@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from host.config import Camera
-from host.drivers.camera.driver import CameraDriver
+from host.drivers.camera import driver
+from host.drivers.camera.driver import CameraDriver, Picture
+from host.drivers.camera.files import CameraFrame
+from host.messages import Health
 from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench, jpeg
 
 # Files
@@ -245,3 +248,46 @@ def test_a_writer_of_something_else(bench: Bench, pipe: Path) -> None:
 
 
 # A USB camera, faked at the two places where the drivers touch the system: OpenCV and ioctl
+
+
+# More pictures than are needed
+
+
+class Stamped:
+    """A source of pictures at given times, which ends the run after the last."""
+
+    def __init__(self, times: list[float], live: bool) -> None:
+        self.counts = {"torn": 0}
+        self.live = live
+        self._frames = [CameraFrame(jpeg(k), time) for k, time in enumerate(times)]
+
+    def read(self, stop: threading.Event) -> CameraFrame:
+        frame = self._frames.pop(0)
+        if not self._frames:
+            stop.set()
+        return frame
+
+    def remarks(self) -> list[str]:
+        return []
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "live", "emitted"),
+    [(30.0, True, 30), (30.0, False, 60), (12.0, True, 60), (25.0, True, 30)],
+)
+def test_no_more_pictures_than_needed_are_emitted_of_what_comes_live(
+    rate_hz: float, live: bool, emitted: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jitter = np.random.default_rng(3).uniform(-0.1, 0.1, 60)
+    times = list((100.0 + np.arange(60) + jitter) / rate_hz)
+    monkeypatch.setattr(driver, "open_source", lambda *_: Stamped(times, live))
+    config = Camera(source="camera", width_px=WIDTH, height_px=HEIGHT, rate_hz=rate_hz)
+    taken: list[Picture | Health] = []
+    CameraDriver("front camera", config, 0.0, most_hz=15.0).run(taken.append, threading.Event())
+    pictures = [message for message in taken if isinstance(message, Picture)]
+    step = 60 // emitted
+    assert [picture.time for picture in pictures] == times[::step]
+    assert [picture.sequence for picture in pictures] == list(range(emitted))
