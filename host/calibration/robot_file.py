@@ -162,7 +162,7 @@ def _replace(text: str, settings: Mapping[str, Any], missing: dict[str, dict[str
         for part in section.split(".") if section else ():
             table = table.get(part) if hasattr(table, "get") else None
         known = table is not None and last in table
-        if known and (section in headers or isinstance(table[last], AoT)):
+        if known and (not section or section in headers or isinstance(table[last], AoT)):
             _change(table, last, value)
         else:
             missing.setdefault(section, {})[last] = value
@@ -216,7 +216,8 @@ def _annotate(
 ) -> str:
     """The text with the note, and with what is `missing`, under the headers of its tables."""
     note = "".join(c if c.isprintable() else " " for c in note.lstrip("# ")).strip()
-    sections = list(dict.fromkeys(_section(key) for key in settings))
+    # What stands above all tables, as the robot's name, has no header for a note.
+    sections = [s for s in dict.fromkeys(_section(key) for key in settings) if s or s in missing]
     lines = _without_note(text.split("\n"), sections, note)
     for section in sections:
         beneath = [f"# {note}"] if note else []

@@ -186,12 +186,18 @@ def _devices(state: State, width: int, paint: Paint) -> list[str]:
 class Console:
     """Takes news from any thread (`take`) and draws what they say (`draw`), each at its pace.
 
-    out: where to. clock: host time, s, from which `seconds` counts.
+    out: where to. clock: host time, s, from which `seconds` counts. line_s: between two lines where
+    it is no terminal.
     """
 
     def __init__(
-        self, state: State, out: TextIO, clock: Callable[[], float] = time.monotonic
+        self,
+        state: State,
+        out: TextIO,
+        clock: Callable[[], float] = time.monotonic,
+        line_s: float = LINE_S,
     ) -> None:
+        self._line_s = line_s
         self._state = state
         self._out = out
         self._clock = clock
@@ -200,7 +206,7 @@ class Console:
         self._terminal = out.isatty()
         self._paint = coloured if self._terminal and not os.environ.get("NO_COLOR") else plain
         self._opened = False
-        self._next_line = self._start + LINE_S
+        self._next_line = self._start + line_s
         self._shown: dict[str, tuple[bool, str]] = {}
         self._progress: list[tuple[float, float]] = []  # clock, time of the newest reading
 
@@ -265,6 +271,6 @@ class Console:
                 word, reason = "ok" if health.ok else "DOWN", one_line(health.reason)
                 lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
         if now >= self._next_line:
-            self._next_line = now + LINE_S  # a standstill is not made up for
+            self._next_line = now + self._line_s  # a standstill is not made up for
             lines.append(line(self._state) + "\n")
         return "".join(lines)

@@ -1,13 +1,45 @@
 """`swarmloc init`: a robot.toml to begin with."""
 
+import datetime
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
+from host.calibration import robot_file
+from host.config import RobotConfig, load_config
 from host.errors import UserError
 from host.folders import data_folder
+from host.sources.discovery import found_devices
 
 _EXAMPLE = "robots/cherokey.toml"
+
+
+def _settings(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> dict[str, Any]:
+    """Values by dotted key, of KEY=VALUE; what is no TOML value is a text."""
+    found: dict[str, Any] = {}
+    for value in values:
+        key, equals, text = value.partition("=")
+        if not equals or not _is_setting(key):
+            raise click.BadParameter(
+                f"{value!r} is not like lidar.model=x4pro: a setting of robot.toml, and its value."
+            )
+        try:
+            found[key] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = text
+    return found
+
+
+def _is_setting(key: str) -> bool:
+    table: Any = RobotConfig().model_dump()
+    for part in key.split("."):
+        if not isinstance(table, Mapping) or part not in table:
+            return False
+        table = table[part]
+    return not isinstance(table, Mapping)
 
 
 @click.command(
@@ -15,15 +47,47 @@ _EXAMPLE = "robots/cherokey.toml"
     epilog="""\b
 Examples:
   swarmloc init
-  swarmloc init left_robot.toml""",
+  swarmloc init left_robot.toml --find
+  swarmloc init robot.toml --set name=robot1 --set lidar.model=x4pro""",
 )
 @click.argument("file", type=click.Path(path_type=Path), default="robot.toml")
-def init(file: Path) -> None:
+@click.option(
+    "--find", is_flag=True, help="Name the devices that are plugged in, by their sockets."
+)
+@click.option(
+    "--set",
+    "settings",
+    metavar="KEY=VALUE",
+    multiple=True,
+    callback=_settings,
+    help="Change a setting, as wheels.counts_per_turn=3840.",
+)
+def init(file: Path, find: bool, settings: Mapping[str, Any]) -> None:
     """Write the configuration of a Cherokey to FILE, robot.toml by default.
 
     It holds every setting with its unit, its meaning and its default value. A FILE that exists
-    is left as it is.
+    is left as it is, but for what --find and --set change in it.
     """
+    if not (file.exists() and (find or settings)):
+        _write(file)
+    if settings:
+        robot_file.update(file, settings, "")
+    devices = found_devices(load_config(file)) if find else {}
+    if devices:
+        note = f"found by swarmloc init, {datetime.date.today():%Y-%m-%d}"
+        robot_file.update(file, devices, note)
+    for key, value in {**settings, **devices}.items():
+        click.echo(f"  {key} = {value}")
+    if find and not devices:
+        click.echo("no device was found that it does not name already")
+    click.echo("next: change what differs on your robot, then try it without hardware:")
+    click.echo(f"  swarmloc run --simulate arena4 --robot {file}")
+    click.echo("and on the robot (docs/bringup.md):")
+    click.echo("  swarmloc flash")
+    click.echo(f"  swarmloc doctor --robot {file}")
+
+
+def _write(file: Path) -> None:
     text = (data_folder() / _EXAMPLE).read_text(encoding="utf-8")
     try:
         with file.open("x", encoding="utf-8") as new:
@@ -32,7 +96,7 @@ def init(file: Path) -> None:
         raise UserError(
             f"{file} was not written",
             "it exists already",
-            "name another file, or move this one away first",
+            "name another file, move this one away first, or change it: --find, --set KEY=VALUE",
         ) from error
     except OSError as error:
         raise UserError(
@@ -41,8 +105,3 @@ def init(file: Path) -> None:
             "name a file in a folder that exists and that you can write",
         ) from error
     click.echo(f"wrote {file}: every setting of a robot, with its unit and its default value")
-    click.echo("next: change what differs on your robot, then try it without hardware:")
-    click.echo(f"  swarmloc run --simulate arena4 --robot {file}")
-    click.echo("and on the robot (docs/hardware.md: wiring and first power-up):")
-    click.echo("  swarmloc flash")
-    click.echo(f"  swarmloc run --robot {file}")

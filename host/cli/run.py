@@ -12,11 +12,13 @@ from typing import Any
 import click
 
 from host.cli import options
-from host.cli.console import FRAME_S, Console, State
+from host.cli.console import FRAME_S, LINE_S, Console, State
 from host.cli.signals import signals_caught
 from host.cli.summary import summary
 from host.errors import UserError
+from host.pipeline import Sink
 from host.registry import SCENARIOS
+from host.sessions import systemd
 from host.sessions.robot import robot_configuration
 from host.sessions.running import RunOutcome, run_devices
 from host.simulation.live import Interval
@@ -27,6 +29,7 @@ from host.viewer.scene import Scene
 from host.viewer.server import Viewer
 
 NO_VIEW = ("", 0)
+JOURNAL_S = 60.0  # between two lines of a service
 
 
 def _intervals(
@@ -179,12 +182,19 @@ def _show_run(
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure."""
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
     page = "".join(viewer.url for viewer in viewers.values())
-    console = Console(State(title, rig.config.filter.profile, rig.sensors, page), sys.stdout)
+    state = State(title, rig.config.filter.profile, rig.sensors, page)
+    service = systemd.of_environment(rig.sources)
+    console = Console(state, sys.stdout, line_s=LINE_S if service is None else JOURNAL_S)
+    sinks: dict[str, Sink] = {} if service is None else {"systemd": service.take}
     # Signals are caught until the devices are left in good order.
-    with contextlib.closing(console), signals_caught() as signalled:
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.closing(console))
+        if service is not None:
+            stack.enter_context(contextlib.closing(service))
+        signalled = stack.enter_context(signals_caught())
         return run_devices(
             rig,
-            {},
+            sinks,
             {"screen": console, **viewers},
             seconds=seconds,
             record=record,
