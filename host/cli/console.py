@@ -4,6 +4,7 @@ On a terminal it is redrawn in place; elsewhere there is one line a second, and 
 of a device.
 """
 
+import io
 import math
 import os
 import shutil
@@ -12,9 +13,11 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TextIO
 
 import numpy as np
+import segno
 
 from host.errors import one_line
 from host.evaluation.truth_scoring import RANGE_M, errors_m
@@ -76,7 +79,16 @@ def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
         *_table(state, paint),
         "",
         *_devices(state, width, paint),
+        *(_code(state.page) if "token=" in state.page else []),
     ]
+
+
+@lru_cache(maxsize=1)
+def _code(address: str) -> list[str]:
+    """An address as a QR code, two modules a letter, for a phone's camera."""
+    drawn = io.StringIO()
+    segno.make(address, error="l", micro=False).terminal(out=drawn, border=2, compact=True)
+    return ["", *drawn.getvalue().splitlines()]
 
 
 def line(state: State) -> str:

@@ -137,7 +137,11 @@ def run(
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
         viewer = _viewer(rig, view)
-        viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
+        viewers = {}
+        if viewer is not None:
+            viewers["page"] = stack.enter_context(viewer)
+            for camera in rig.cameras:
+                camera.watchers.append(viewer.show)
         outcome = _show_run(rig, seconds, record, viewers)
     click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)
@@ -165,7 +169,7 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
 
 def _viewer(rig: Rig, view: tuple[str, int] | None) -> Viewer | None:
     """The server of the live page; None where none is wanted. Raises UserError."""
-    scene = Scene(rig.config, rig.config.filter.profile)
+    scene = Scene(rig.config, rig.config.filter.profile, [camera.name for camera in rig.cameras])
     if view == NO_VIEW:
         return None
     if view is not None:

@@ -9,20 +9,23 @@ from collections.abc import Callable
 from host.config import Camera, Cameras
 from host.drivers.camera.driver import TORN_SHARE, CameraDriver, Picture, many_torn
 from host.errors import UserError
-from host.messages import Health, Message
+from host.messages import Bearings, Health, Message
 from host.perception.strips import StripFinder
 
 
 class StripCamera:
     """One camera, "front" or "rear": `run` it in a thread.
 
-    remark: what Health says beside, while all is well.
+    remark: what Health says beside, while all is well. watchers: each is called with every picture
+    and what was found in it, in the camera's thread.
     """
 
     def __init__(self, name: str, cameras: Cameras, camera: Camera, remark: str = "") -> None:
         self._driver = CameraDriver(
             f"{name} camera", camera, cameras.delay_s, cameras.mains_hz, cameras.search_rate_hz
         )
+        self.name = name
+        self.watchers: list[Callable[[bytes, Bearings], None]] = []
         self._remark = remark
         self._finder = StripFinder(cameras, camera, name=name)
 
@@ -43,6 +46,8 @@ class StripCamera:
             bearings = self._finder.find(message.jpeg, message.time)
             if bearings is not None:
                 emit(bearings)
+                for show in self.watchers:
+                    show(message.jpeg, bearings)
 
         self._driver.run(take, stop)
 

@@ -13,7 +13,7 @@ from host.pipeline import Source
 from host.simulation.devices.catalogue import board_entry, lidar_entry
 from host.simulation.live import Interval, LiveSimulation
 from host.simulation.world import scenarios
-from host.sources.cameras import camera_sources
+from host.sources.cameras import StripCamera, camera_sources
 from host.sources.ceiling import CeilingCamera
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
@@ -32,6 +32,11 @@ class Rig:
     scenario: str | None = None
     simulated_board: str | None = None
     truth: Callable[[float], Truth] | None = None
+
+    @property
+    def cameras(self) -> list[StripCamera]:
+        """Those whose pictures can be looked at."""
+        return [source for source in self.sources.values() if isinstance(source, StripCamera)]
 
 
 def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:

@@ -166,6 +166,7 @@ function drawRuler() {
 function tell() {
   at("robot").textContent = "swarmloc  " + scene.robot;
   at("about").textContent = "filter " + scene.filter;
+  at("seen").hidden = !scene.pictures.length;
   at("count").textContent = scene.estimates.length + (scene.truth ? " (truly within 2 m: " + scene.truth.filter(t => Math.hypot(t.x, t.y) <= 2).length + ")" : "");
   at("error").hidden = !scene.truth;
   const rows = [...scene.estimates].sort((a, b) => a.label - b.label).map(each => {
@@ -241,7 +242,7 @@ at("pause").onclick = () => press("pause", "paused");
 at("north").onclick = () => press("north", "northUp");
 at("measure").onclick = () => press("measure", "measuring");
 at("fit").onclick = fit;
-const keys = {" ": () => press("pause", "paused"), n: () => press("north", "northUp"), m: () => press("measure", "measuring"), f: fit,
+const keys = {" ": () => press("pause", "paused"), n: () => press("north", "northUp"), m: () => press("measure", "measuring"), f: fit, p: () => at("pictures").click(),
   "+": () => zoom(1.25, centre()), "-": () => zoom(.8, centre()),
   ArrowLeft: () => pan(40, 0), ArrowRight: () => pan(-40, 0), ArrowUp: () => pan(0, 40), ArrowDown: () => pan(0, -40)};
 const centre = () => [map.clientWidth / 2, map.clientHeight / 2];

@@ -2,11 +2,13 @@
 
 from importlib.resources import files
 
+_PARTS = ("page.css", "page.js", "pictures.js")
+
 
 def page() -> str:
-    """page.html with page.css and page.js inside."""
+    """page.html with style and programs inside."""
     folder = files("host.viewer")
-    html, css, js = (
-        (folder / f"page.{kind}").read_text(encoding="utf-8") for kind in ("html", "css", "js")
-    )
-    return html.replace("/* page.css */", css).replace("/* page.js */", js)
+    html = (folder / "page.html").read_text(encoding="utf-8")
+    for part in _PARTS:
+        html = html.replace(f"/* {part} */", (folder / part).read_text(encoding="utf-8"))
+    return html

@@ -1,6 +1,7 @@
 """What a watcher is told: one JSON message that says all that is known now (docs/stream.md)."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -33,8 +34,10 @@ class Scene:
     Not for several threads: `take` and `tell` belong to the localizer's.
     """
 
-    def __init__(self, config: RobotConfig, filter_name: str) -> None:
+    def __init__(self, config: RobotConfig, filter_name: str, pictures: Sequence[str] = ()) -> None:
+        """pictures: the cameras whose pictures a reader can ask for."""
         self._config = config
+        self.pictures = pictures
         self._filter_name = filter_name
         self._path = Path()
         self._scan: Scan | None = None
@@ -82,6 +85,7 @@ class Scene:
                 {"centre": _figure(sector.centre_rad), "width": _figure(sector.width_rad)}
                 for sector in self._config.lidar.blind_sectors
             ],
+            "pictures": list(self.pictures),
             "devices": [
                 {"name": name, "ok": health.ok, "reason": health.reason, "counts": health.counts}
                 for name, health in self._devices.items()
@@ -114,6 +118,25 @@ def _bearings_at(path: Path, time: float, seen: Bearings) -> dict[str, Any]:
         "directions": [_figure(angle) for angle in wrap(now.bearings)],
         "sigmas": [_figure(sigma) for sigma in np.sqrt(now.variances)],
         "view": {"centre": _figure(wrap(now.view[0])), "half": _figure(now.view[1])},
+    }
+
+
+def blobs(seen: Bearings) -> dict[str, Any]:
+    """What was found in a camera's picture, for who is shown it: pixels, rad, m."""
+    pixels = np.zeros((0, 2)) if seen.pixels is None else seen.pixels
+    ranges = np.full(len(pixels), np.nan) if seen.ranges is None else seen.ranges
+    return {
+        "camera": seen.camera,
+        "time": _figure(seen.time),
+        "blobs": [
+            {
+                "x": _figure(x),
+                "y": _figure(y),
+                "direction": _figure(angle),
+                "range": _figure(range_m),
+            }
+            for (x, y), angle, range_m in zip(pixels, wrap(seen.bearings), ranges, strict=True)
+        ],
     }
 
 

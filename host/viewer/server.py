@@ -10,23 +10,25 @@ import ipaddress
 import json
 import socket
 import threading
+import time
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from host.errors import UserError
-from host.messages import Message
+from host.messages import Bearings, Message
 from host.pipeline import Now
 from host.viewer.access import access
+from host.viewer.channel import Channel
 from host.viewer.page import page
-from host.viewer.scene import Scene
+from host.viewer.scene import Scene, blobs
 
 DEFAULT_PORT = 8737
-_STREAM = "/stream"
+_STREAM, _PICTURES = "/stream", "/pictures"
+_PICTURE_S = 0.2  # between two pictures of a camera
 # The page may use what is in it and talk to this server; nothing else, and nobody may frame it.
 _NO_WEB = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
@@ -51,9 +53,9 @@ class Viewer:
         self.url = f"http://{_bracketed(shown)}:{self._access.port}{token}"
         self._page = page().encode()
         self._loop = asyncio.new_event_loop()
-        self._newest = 0, ""  # its number and text
-        self._news = asyncio.Condition()
-        self._readers: set[ServerConnection] = set()
+        of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
+        self._channels = {path: Channel() for path in (_STREAM, *of_cameras)}
+        self._due = dict.fromkeys(scene.pictures, 0.0)  # when the next picture may go, s
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
 
@@ -77,9 +79,26 @@ class Viewer:
 
     def look(self, now: Now) -> None:
         """Tell the readers what is known now, in the localizer's thread; nothing without any."""
-        if self._readers:
-            text = json.dumps(self._scene.tell(now), separators=(",", ":"), allow_nan=False)
-            asyncio.run_coroutine_threadsafe(self._publish(text), self._loop)
+        if self._channels[_STREAM].wanted:
+            self._send(_STREAM, _json(self._scene.tell(now)))
+
+    def show(self, jpeg: bytes, seen: Bearings) -> None:
+        """Hand on a camera's picture and what was found in it, in the camera's thread.
+
+        Nothing without a reader, and not more than a few a second.
+        """
+        now = time.monotonic()
+        if self.asked(seen.camera) and now >= self._due[seen.camera]:
+            self._due[seen.camera] = now + _PICTURE_S
+            self._send(f"{_PICTURES}/{seen.camera}", _json(blobs(seen)), jpeg)
+
+    def asked(self, camera: str) -> bool:
+        """Does anybody want to see what this camera sees?"""
+        channel = self._channels.get(f"{_PICTURES}/{camera}")
+        return channel is not None and channel.wanted
+
+    def _send(self, path: str, *messages: str | bytes) -> None:
+        asyncio.run_coroutine_threadsafe(self._channels[path].publish(*messages), self._loop)
 
     def _run(self) -> None:
         self._loop.run_until_complete(self._serve())
@@ -97,31 +116,28 @@ class Viewer:
             server_header=None,
         ) as server:
             await self._stop.wait()
-            async with self._news:
-                self._news.notify_all()
+            for channel in self._channels.values():
+                await channel.close()
             server.close()
             try:
                 await asyncio.wait_for(server.wait_closed(), _GOODBYE_S)
             except TimeoutError:
-                for connection in self._readers:  # they read nothing, not even the end
-                    connection.transport.abort()
-
-    async def _publish(self, text: str) -> None:
-        async with self._news:
-            self._newest = self._newest[0] + 1, text
-            self._news.notify_all()
+                for channel in self._channels.values():
+                    for connection in channel.readers:  # they read nothing, not even the end
+                        connection.transport.abort()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page or a refusal; None lets a reader on to the stream."""
         origins = request.headers.get_all("Origin")
         refusal = self._access.refusal(request.path, request.headers.get("Host"), origins)
-        path = request.path.partition("?")[0]
+        path = _path(request)
         if refusal:
             return connection.respond(http.HTTPStatus.FORBIDDEN, refusal + "\n")
-        if path == _STREAM:
+        if path in self._channels:
             return None
         if path != "/":
-            return connection.respond(http.HTTPStatus.NOT_FOUND, "there is / and /stream\n")
+            known = ", ".join(["/", *self._channels])
+            return connection.respond(http.HTTPStatus.NOT_FOUND, f"there is {known}\n")
         headers = Headers(
             {
                 "Content-Type": "text/html; charset=utf-8",
@@ -135,20 +151,17 @@ class Viewer:
         return Response(200, "OK", headers, self._page)
 
     async def _read(self, connection: ServerConnection) -> None:
-        """Send one reader the newest text again and again, until it goes."""
-        self._readers.add(connection)
-        number = 0
-        try:
-            while not self._stop.is_set():
-                async with self._news:
-                    while self._newest[0] == number and not self._stop.is_set():
-                        await self._news.wait()
-                    number, text = self._newest
-                await connection.send(text)
-        except ConnectionClosed:
-            pass
-        finally:
-            self._readers.discard(connection)
+        """Serve one reader until it goes."""
+        assert connection.request is not None
+        await self._channels[_path(connection.request)].serve(connection)
+
+
+def _json(content: dict[str, Any]) -> str:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False)
+
+
+def _path(request: Request) -> str:
+    return request.path.partition("?")[0]
 
 
 def _listening(address: str, port: int) -> socket.socket:

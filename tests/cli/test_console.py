@@ -3,6 +3,7 @@
 import io
 import re
 
+import cv2
 import numpy as np
 import pytest
 
@@ -234,3 +235,15 @@ def test_the_pace_is_measured_time_over_the_clocks(screen_size, shown):
     assert state.real_time_factor == pytest.approx(0.5)
     assert "real time x0.50" in "\n".join(shown(out.getvalue()))
     assert console.FRAME_S <= 0.2
+
+
+def test_a_shared_address_is_a_code_that_a_phone_reads():
+    address = "http://192.168.4.7:8737/?token=Kq3_x-9"
+    lines = frame(State("a title", "phd", "lidar", address), 80)
+    halves = {"█": (255, 255), "▀": (255, 0), "▄": (0, 255), " ": (0, 0)}
+    code = [line for line in lines if line and set(line) <= set(halves)]
+    modules = np.array([[halves[letter] for letter in line] for line in code], dtype=np.uint8)
+    picture = modules.transpose(0, 2, 1).reshape(2 * len(code), -1).repeat(8, 0).repeat(8, 1)
+    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == address
+    local = frame(State("a title", "phd", "lidar", "http://127.0.0.1:8737/"), 80)
+    assert not any("█" in line for line in local)

@@ -4,7 +4,8 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import pytest
 from selenium import webdriver
@@ -12,7 +13,7 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.chrome.webdriver import WebDriver
 
-from host.messages import Message
+from host.messages import Bearings, Message
 from host.pipeline import Now
 from host.viewer.server import Viewer
 from tests.viewer import scenes
@@ -24,11 +25,16 @@ class Served:
     """A viewer that is told the same over and over, as a run would do."""
 
     def __init__(
-        self, *messages: Message, now: Now | None = None, address: str = "127.0.0.1"
+        self,
+        *messages: Message,
+        now: Now | None = None,
+        address: str = "127.0.0.1",
+        pictures: Sequence[str] = (),
+        picture: tuple[bytes, Bearings] | None = None,
     ) -> None:
         self.now = now or scenes.now(1.0, (1.0, 0.5))
-        self.viewer = Viewer(scenes.a_scene(), address, 0)
-        self._messages = messages
+        self.viewer = Viewer(scenes.a_scene(pictures), address, 0)
+        self._messages, self._picture = messages, picture
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._tell)
 
@@ -56,6 +62,8 @@ class Served:
             for message in self._messages:
                 self.viewer.take(message)
             self.viewer.look(self.now)
+            if self._picture is not None:
+                self.viewer.show(*self._picture)
 
 
 @pytest.fixture
@@ -63,8 +71,8 @@ def served() -> Iterator[Callable[..., Served]]:
     """Serves a scene until the test ends: `served(message, ..., now=...)`."""
     running: list[Served] = []
 
-    def start(*messages: Message, now: Now | None = None, address: str = "127.0.0.1") -> Served:
-        running.append(Served(*messages, now=now, address=address).start())
+    def start(*messages: Message, **how: Any) -> Served:
+        running.append(Served(*messages, **how).start())
         return running[-1]
 
     yield start

@@ -1,5 +1,7 @@
 """Made scenes for a viewer: a robot that stands or turns, and what it knows."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from host.config import RobotConfig
@@ -25,8 +27,8 @@ def now(time: float, *places: tuple[float, float], truth: bool = False, sigma: f
     return Now(an_estimate(time, *places, sigma=sigma), time - 0.1, known)
 
 
-def a_scene() -> Scene:
-    return Scene(RobotConfig(), "phd")
+def a_scene(pictures: Sequence[str] = ()) -> Scene:
+    return Scene(RobotConfig(), "phd", pictures)
 
 
 def a_step(time: float, dx: float = 0.0, dpsi: float = 0.0) -> Displacement:

@@ -1,13 +1,17 @@
 """The page in a real browser: what it draws, what it says, and that it asks nobody else."""
 
+import dataclasses
 import json
 import math
 import re
 import subprocess
 import sys
+import time
 import urllib.parse
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.viewer import scenes
@@ -132,3 +136,32 @@ def test_teammates_of_a_run_move_on_it_and_it_asks_nobody_else(browser):
         if event["method"] == "Network.requestWillBeSent"
     }
     assert hosts <= {"127.0.0.1", None}
+
+
+def test_pictures_are_drawn_with_their_blobs_while_they_are_wanted(served, browser):
+    grey = np.full((240, 320, 3), 90, dtype=np.uint8)
+    jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
+    seen = dataclasses.replace(
+        scenes.bearings(1.0, 0.5), ranges=np.array([1.5]), pixels=np.array([[100.0, 50.0]])
+    )
+    running = served(pictures=["front", "rear"], picture=(jpeg, seen))
+    browser.driver.get(running.viewer.url)
+    browser.wait_for("scene && !document.getElementById('seen').hidden")
+    assert not running.viewer.asked("front")
+    browser.driver.find_element("id", "pictures").click()
+    said = browser.wait_for("document.querySelector('#cameras figcaption').textContent")
+    assert said == "front: 29° 1.5 m"
+    # The square around the blob is white, its middle and the rest are as in the picture.
+    colours = browser.driver.execute_script(
+        "const {data} = document.querySelector('#cameras canvas').getContext('2d')"
+        ".getImageData(0, 0, 320, 240);"
+        "return [[92, 50], [100, 50], [200, 200]].map(([x, y]) => data[4 * (320 * y + x)])"
+    )
+    assert colours[0] > 200
+    assert colours[1:] == pytest.approx([90, 90], abs=4)
+    browser.driver.find_element("id", "pictures").click()
+    browser.wait_for("!document.querySelector('#cameras canvas')")
+    end = time.monotonic() + 10.0
+    while running.viewer.asked("front"):
+        assert time.monotonic() < end
+        time.sleep(0.05)

@@ -1,15 +1,18 @@
 """The server: newest first, slow readers skip, strangers stay out, and it ends at once."""
 
 import contextlib
+import dataclasses
 import json
 import re
 import socket
+import threading
 import time
 import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -134,3 +137,31 @@ def test_the_python_of_the_documentation_runs(served, capsys):
     running = served()
     exec(example.replace("ws://127.0.0.1:8737/stream", running.stream), {})
     assert capsys.readouterr().out == 3 * "1: +1.00 +0.50 m, 0.1 s ago\n"
+
+
+def test_pictures_are_for_who_asks_and_few_a_second():
+    scene = scenes.a_scene(pictures=["front", "rear"])
+    seen = dataclasses.replace(
+        scenes.bearings(1.0, 0.5), ranges=np.array([1.5]), pixels=np.array([[100.0, 50.0]])
+    )
+    with Viewer(scene, port=0) as viewer:
+        stream = viewer.url.replace("http:", "ws:") + "pictures/front"
+        viewer.show(b"to nobody", seen)
+        with connect(stream) as reader:
+            begin, over = time.monotonic(), threading.Event()
+
+            def take_pictures():
+                while not over.wait(0.01):
+                    viewer.show(b"a jpeg", seen)
+                    viewer.show(b"of the other camera", dataclasses.replace(seen, camera="rear"))
+
+            camera = threading.Thread(target=take_pictures)
+            camera.start()
+            for _ in range(4):
+                told = json.loads(reader.recv(timeout=10.0))
+                assert reader.recv(timeout=10.0) == b"a jpeg"
+            over.set()
+            camera.join()
+        assert time.monotonic() - begin > 0.5
+    assert told["camera"] == "front"
+    assert told["blobs"] == [{"x": 100.0, "y": 50.0, "direction": 0.5, "range": 1.5}]
