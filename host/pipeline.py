@@ -7,7 +7,6 @@ consumed, in its order, and what it made of it, goes to every sink.
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -18,12 +17,13 @@ from host.drivers.pace import Pace
 from host.errors import UserError
 from host.localizer import Localizer
 from host.message_checks import fault
+from host.message_queue import MessageQueue
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 
-CAPACITY = 256  # messages: some 3 s of them
 _HEALTH_S = 1.0
 _NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
+DRIVER = "driver"
 NOISE = "noise settings"
 _POLL_S = 0.1
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
@@ -37,6 +37,16 @@ class Source(Protocol):
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit messages until `stop` is set."""
+
+
+class Driver(Source, Protocol):
+    """What drives the robot (`host.behaviour.driving`): a source that also listens."""
+
+    def take(self, message: Message, /) -> None:
+        """Note what a device measured, in its thread."""
+
+    def know(self, estimate: Estimate, /) -> None:
+        """Note where teammates are now, ten times a second, in the localizer's thread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,55 +66,6 @@ def unwatched(now: Now) -> None:
     """A run of which nobody asks what is known now."""
 
 
-class MessageQueue:
-    """Between threads. When it is full a message is dropped and counted.
-
-    It is the oldest one that is no displacement: one scan less is of little harm, but a missing
-    displacement is a hole in the odometry.
-    """
-
-    def __init__(self, capacity: int = CAPACITY) -> None:
-        self.dropped = 0
-        self._messages: deque[Message] = deque()
-        self._capacity = capacity
-        self._news = threading.Condition()
-        self._closed = False
-
-    def put(self, message: Message) -> None:
-        """Append a message; never waits. After `close` it does nothing."""
-        with self._news:
-            if self._closed:
-                return
-            self._messages.append(message)
-            if len(self._messages) > self._capacity:
-                self._drop()
-            self._news.notify()
-
-    def _drop(self) -> None:
-        others = (k for k, m in enumerate(self._messages) if not isinstance(m, Displacement))
-        del self._messages[next(others, 0)]
-        self.dropped += 1
-
-    def close(self) -> None:
-        """Refuse what comes from now on; what is in it can still be taken."""
-        with self._news:
-            self._closed = True
-            self._news.notify()
-
-    @property
-    def exhausted(self) -> bool:
-        """Is it closed and empty?"""
-        with self._news:
-            return self._closed and not self._messages
-
-    def take(self, timeout_s: float) -> Message | None:
-        """The oldest message, None where none comes within `timeout_s`."""
-        with self._news:
-            if not self._messages and not self._closed:
-                self._news.wait(timeout_s)
-            return self._messages.popleft() if self._messages else None
-
-
 class Pipeline:
     """Runs from entry to exit of its `with` block.
 
@@ -112,7 +73,8 @@ class Pipeline:
     (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
     is set where the localizer fails. failures: by name, what ended a part before its time.
     checks: compare the sensors with each other; None: nobody does. watch: told ten times a second
-    what is known now, in the localizer's thread.
+    what is known now, in the localizer's thread. driver: drives on what the devices measure and
+    the localizer knows.
     """
 
     def __init__(
@@ -124,6 +86,7 @@ class Pipeline:
         clock: Callable[[], float] = time.monotonic,
         checks: CrossChecks | None = None,
         watch: Callable[[Now], None] = unwatched,
+        driver: Driver | None = None,
     ) -> None:
         self.stop = threading.Event()
         self.failures: dict[str, Exception] = {}
@@ -133,11 +96,12 @@ class Pipeline:
         self._clock = clock
         self._checks = checks
         self._watch = watch
+        self._driver = driver
         self._next_look = -math.inf
         self._queue = MessageQueue()
         self._sources = [
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
-            for name, source in sources.items()
+            for name, source in {**sources, **({DRIVER: driver} if driver else {})}.items()
         ]
         self._thread = threading.Thread(target=self._localize, name=LOCALIZER, daemon=True)
         counts = ("messages", "estimates", "dropped", "late", "malformed", "busy_ms")
@@ -178,10 +142,16 @@ class Pipeline:
 
     def _serve(self, name: str, source: Source) -> None:
         try:
-            source.run(self._queue.put, self.stop)
+            source.run(self._take, self.stop)
         except Exception as error:
             # Whatever it is, the other devices and the localizer go on without this one.
             self._report_failure(name, error, self._queue.put)
+
+    def _take(self, message: Message) -> None:
+        """A device's message; the driver gets it first, whatever the localizer is busy with."""
+        if self._driver is not None and fault(message) is None:
+            self._driver.take(message)
+        self._queue.put(message)
 
     def _report_failure(self, name: str, error: Exception, report: Sink) -> None:
         self.failures[name] = error
@@ -243,12 +213,15 @@ class Pipeline:
     def _look(self) -> None:
         """Tell the watcher what is known now, when it is due."""
         now = self._clock()
-        if self._watch is unwatched or now < self._next_look:
+        unwatched_now = self._watch is unwatched and self._driver is None
+        if unwatched_now or now < self._next_look:
             return
         estimate = self._localizer.ahead(now)
         if estimate is None:
             return
         self._next_look = now + _NOW_S
+        if self._driver is not None:
+            self._driver.know(estimate)
         truth = None if self._truth is None else self._truth(now)
         try:
             self._watch(Now(estimate, self._localizer.measured, truth))

@@ -74,6 +74,12 @@ BOARDS = Registry(
     "BoardEntry",
     f"choose one as model in [board] of robot.toml; {_OWN}",
 )
+BEHAVIOURS = Registry(
+    "behaviour",
+    "host.behaviour.catalogue",
+    "BehaviourEntry",
+    f"choose one, as in swarmloc drive walk; {_OWN}",
+)
 SCENARIOS = Registry(
     "scenario",
     "host.simulation.world.scenarios",

@@ -22,7 +22,7 @@ from host.messages import Displacement, Health, Message
 SPEED_MPS = 0.1
 WHEEL_SPEEDS = {"left": (1, 0), "right": (0, 1), "straight": (1, 1), "turn": (-1, 1)}
 LINE_S = 0.5
-COMMAND_S = 0.1  # well within the life of a command
+COMMAND_S = 0.05  # well within the life of a command
 PATIENCE_S = 10.0  # for the first displacement
 
 

@@ -6,6 +6,7 @@ import click
 
 from host.cli.calibrate import calibrate
 from host.cli.doctor import doctor
+from host.cli.drive import drive
 from host.cli.evaluate import evaluate
 from host.cli.flash import flash_command
 from host.cli.init import init
@@ -80,6 +81,7 @@ for command in (
     init,
     doctor,
     run,
+    drive,
     simulate,
     replay,
     evaluate,

@@ -12,9 +12,8 @@ from host.messages import Health, Message
 from host.pipeline import LOCALIZER
 from host.recording.log import Recording
 from host.sessions.running import RunOutcome, never, run_devices
-from host.sessions.runs import Progress, find_source, read_as, unseen
+from host.sessions.runs import Progress, find_source, read_as, simulated, unseen
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
-from host.simulation.offline import Simulation
 from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
@@ -60,9 +59,10 @@ def gather_source(
         return gathered
     if truth is not None:
         raise truth_of_scenario(source)
-    simulation = Simulation(scenarios.parse_scenario(with_mocap(source)), robot or RobotConfig())
+    parsed = scenarios.parse_scenario(with_mocap(source))
+    simulation, messages = simulated(parsed, robot or RobotConfig())
     gathered = Gathered(simulation.config)
-    for message in simulation.messages():
+    for message in messages:
         gathered.take(message)
         progress(message.time, simulation.scenario.seconds)
     return gathered

@@ -15,7 +15,7 @@ from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
 from host.messages import Bearings, Measurement, Message, Positions
-from host.pipeline import Now, Pipeline, Sink
+from host.pipeline import Driver, Now, Pipeline, Sink
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
@@ -62,12 +62,14 @@ def run_devices(
     stopped: Callable[[], bool] = never,
     watch: Callable[[], None] = nothing,
     watch_every_s: float = 0.2,
+    driver: Driver | None = None,
 ) -> RunOutcome:
     """Run until `stopped()`, for `seconds` or until the localizer fails.
 
     sinks, watchers: by the name that Health calls them; each gets every message, in the
     localizer's thread. record: the recording to write. watch: called in this thread every
-    `watch_every_s`, and at the end. Raises UserError where the recording cannot be begun.
+    `watch_every_s`, and at the end. driver: drives the robot meanwhile. Raises UserError where the
+    recording cannot be begun.
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
@@ -99,6 +101,7 @@ def run_devices(
             rig.truth,
             checks=CrossChecks(rig.config),
             watch=look,
+            driver=driver,
         ) as pipeline:
             _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu

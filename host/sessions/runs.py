@@ -29,6 +29,7 @@ from host.messages import (
     Truth,
 )
 from host.recording.log import SUFFIX, Recording
+from host.sessions.swarming import Swarm
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world import scenarios
@@ -162,12 +163,15 @@ def simulated(scenario: Scenario, config: RobotConfig) -> tuple[Simulation, Iter
     Between samples a tenth of a second apart, truth is 2 cm wrong while the observer rotates.
     Raises UserError at once where the scenario has no room for its robots.
     """
+    if scenario.stacks != "none":
+        swarm = Swarm(scenario, config)
+        return swarm.observer, _with_truth(swarm.observer, swarm.messages())
     simulation = Simulation(scenario, config)
-    return simulation, _with_truth(simulation)
+    return simulation, _with_truth(simulation, simulation.messages())
 
 
-def _with_truth(simulation: Simulation) -> Iterator[Message]:
-    for message in simulation.messages():
+def _with_truth(simulation: Simulation, messages: Iterator[Message]) -> Iterator[Message]:
+    for message in messages:
         yield message
         if isinstance(message, Scan):
             yield simulation.truth(message.time)

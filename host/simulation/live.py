@@ -6,6 +6,7 @@ Motion capture, where the scenario has it, is a NatNet server on this computer.
 """
 
 import contextlib
+import math
 import os
 import select
 import tempfile
@@ -27,6 +28,7 @@ from host.simulation.devices.live_cameras import LiveCameras
 from host.simulation.devices.natnet_server import NatNetServer
 from host.simulation.offline import Simulation
 from host.simulation.pictures.render import Surroundings
+from host.simulation.world.arena import ARENA_STEP_S, Contact
 from host.simulation.world.scenarios import Scenario
 
 PUMP_S = 0.002  # more would make every message look later than it is
@@ -100,7 +102,8 @@ class LiveSimulation:
     unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
     messages and of `truth` are the host's, by `clock` (s). config: the caller's, with the simulated
     devices in place of the real ones. As a context manager it runs from
-    entry to exit, where it raises UserError if the board's program crashed.
+    entry to exit, where it raises UserError if the board's program crashed. driven: the robot obeys
+    its board, and so the host; else it follows its scripted path.
     """
 
     def __init__(
@@ -110,8 +113,10 @@ class LiveSimulation:
         unplugged: Mapping[str, Sequence[Interval]] | None = None,
         board: BoardKind | None = None,
         clock: Callable[[], float] = time.monotonic,
+        driven: bool = False,
     ) -> None:
-        self._simulation = Simulation(scenario, config, board)
+        self._simulation = Simulation(scenario, config, board, driven=driven)
+        self._driven = driven
         self._unplugged = unplugged or {}
         unknown = set(self._unplugged) - {LIDAR, BOARD}
         if unknown:
@@ -129,8 +134,9 @@ class LiveSimulation:
         self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
         folder = Path(self._folder.name)
         self._ports: dict[str, tuple[Terminal, Emulator]] = {
-            LIDAR: (Terminal(folder / LIDAR), self._simulation.lidar),
+            # The board first: its motors move what the lidar sees.
             BOARD: (Terminal(folder / BOARD), self._simulation.board),
+            LIDAR: (Terminal(folder / LIDAR), self._simulation.lidar),
         }
         known = self._simulation.config
         self.config = _with_ports(
@@ -185,14 +191,22 @@ class LiveSimulation:
         with self._lock:
             return replace(self._simulation.truth(max(0.0, time - self._start)), time=time)
 
-    def bearings(self, frame: int) -> tuple[float, Bearings]:
-        """Arrival (host time, s) and content of the image pair with this number, from 0."""
+    def arrival(self, frame: int) -> float:
+        """When the image pair with this number (from 0) is there, host time, s."""
         scenario = self._simulation.scenario
-        time = frame / scenario.camera_hz
+        return self._start + frame / scenario.camera_hz + scenario.camera_delay_s
+
+    def bearings(self, frame: int) -> Bearings:
+        """What the image pair with this number shows; once it is there."""
         with self._lock:
-            bearings = self._simulation.camera.bearings(time)
-        arrival = self._start + time + scenario.camera_delay_s
-        return arrival, replace(bearings, time=arrival - self.config.camera.delay_s)
+            bearings = self._simulation.camera.bearings(frame / self._simulation.scenario.camera_hz)
+        return replace(bearings, time=self.arrival(frame) - self.config.camera.delay_s)
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """Who drove against what so far; times since the start of the scenario."""
+        with self._lock:
+            return list(self._simulation.arena.contacts)
 
     def _bodies(self, time: float) -> tuple[IntArray, FloatArray]:
         with self._lock:
@@ -220,12 +234,22 @@ class LiveSimulation:
                     now -= idle
                 done, worked = now, time.thread_time()
                 self._plug(now)
-                for terminal, device in self._ports.values():
-                    _exchange(terminal, device, now)
+                # The world has whole steps: what a robot does that obeys is not known before.
+                whole = math.floor(now / ARENA_STEP_S) * ARENA_STEP_S
+                self._exchange(whole if self._driven else now)
                 self._simulation.forget(now - MEMORY_S)
         # What the drivers sent when they ended: STOP, and wheel speeds of 0.
         for terminal, device in self._ports.values():
             device.receive(terminal.read(), self.clock() - self._start)
+
+    def _exchange(self, now: float) -> None:
+        for name, (terminal, device) in self._ports.items():
+            received = terminal.read()
+            if received:
+                device.receive(received, now)
+            terminal.write(b"".join(data for _, data in device.transmit(now)))
+            if name == BOARD and self._driven:
+                self._simulation.arena.advance(now)
 
     def _stand_still(self, seconds: float) -> None:
         """Leave out a time in which nothing could be simulated, for the world and all in it."""
@@ -242,13 +266,6 @@ class LiveSimulation:
                 terminal.plug()
                 if name == LIDAR:  # it has no power of its own and begins anew
                     device.receive(self._simulation.lidar_entry.power_on, now)
-
-
-def _exchange(terminal: Terminal, device: Emulator, now: float) -> None:
-    received = terminal.read()
-    if received:
-        device.receive(received, now)
-    terminal.write(b"".join(data for _, data in device.transmit(now)))
 
 
 def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
@@ -268,11 +285,11 @@ class LiveCamera:
         frame = 0
         next_health = 0.0
         while not stop.is_set():
-            arrival, bearings = self._simulation.bearings(frame)
+            arrival = self._simulation.arrival(frame)
             if stop.wait(max(0.0, arrival - self._simulation.clock())):
                 return
+            emit(self._simulation.bearings(frame))
             frame += 1
-            emit(bearings)
             if arrival >= next_health:
                 next_health = arrival + HEALTH_S
                 emit(Health(arrival, CAMERA, True, "simulated", {"frames": frame}))

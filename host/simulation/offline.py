@@ -1,4 +1,7 @@
-"""The simulated robot, offline: every message it would give, in order of arrival, at full speed."""
+"""The simulated robot, offline: every message it would give, in order of arrival, at full speed.
+
+It follows a scripted path or, in closed loop, obeys its board, which obeys its host's commands.
+"""
 
 import functools
 import math
@@ -11,10 +14,12 @@ from host.config import RobotConfig
 from host.drivers.natnet import protocol as natnet_protocol
 from host.drivers.natnet.frames import MocapFrame, Version
 from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
+from host.drivers.romeo.differential_drive import ticks_for
 from host.geometry import to_frame
 from host.messages import Bearings, Bodies, Message, Truth
-from host.simulation.devices.board import BoardKind
+from host.simulation.devices.board import BoardKind, motion_of
 from host.simulation.devices.catalogue import board_entry, lidar_entry
+from host.simulation.devices.driven_wheels import DrivenWheels
 from host.simulation.pictures.render import Surroundings
 from host.simulation.pictures.searched_camera import SearchedCamera
 from host.simulation.world.arena import ARENA_STEP_S, Arena
@@ -22,7 +27,7 @@ from host.simulation.world.built import built, known
 from host.simulation.world.camera import SimulatedCamera
 from host.simulation.world.motion_capture import MotionCapture
 from host.simulation.world.scenarios import Scenario
-from host.simulation.world.sensors import SimulatedEncoders, SimulatedLidar
+from host.simulation.world.sensors import SimulatedEncoders, SimulatedLidar, WheelSlip
 
 OBSERVER = 0
 TRUTH_HZ = 10.0
@@ -42,25 +47,45 @@ class Simulation:
     """
 
     def __init__(
-        self, scenario: Scenario, config: RobotConfig, board: BoardKind | None = None
+        self,
+        scenario: Scenario,
+        config: RobotConfig,
+        board: BoardKind | None = None,
+        *,
+        driven: bool = False,
+        robot: int = OBSERVER,
+        arena: Arena | None = None,
     ) -> None:
+        """driven: it obeys its board; then whoever runs it calls `talk`, the arena's `advance` and
+        `sense` in turns. robot: which one of the scenario. arena: shared with other robots.
+        """
         self.scenario = scenario
         self.built = built(config, scenario)
         self.config = known(config, scenario)
-        self._arena = Arena(scenario)
-        self._others = np.delete(np.arange(scenario.robots), OBSERVER)
+        self.arena = arena or Arena(scenario)
+        self._robot = robot
+        self._others = np.delete(np.arange(scenario.robots), robot)
         self.lidar_entry = lidar_entry(config.lidar.model)
         board_kind = board_entry(config.board.model)
         sensor = SimulatedLidar(
-            self._arena, OBSERVER, scenario, self.built.lidar, self.lidar_entry.beams
+            self.arena, robot, scenario, self.built.lidar, self.lidar_entry.beams
         )
-        self._encoders = SimulatedEncoders(self._arena, OBSERVER, scenario, self.built.wheels)
-        self.camera = SimulatedCamera(self._arena, OBSERVER, scenario)
+        self.camera = SimulatedCamera(self.arena, robot, scenario)
         self.lidar = self.lidar_entry.emulator(
-            sensor.ranges, scenario.lidar_turn_hz, scenario.seed, scenario.lidar_delay_s
+            sensor.ranges, scenario.lidar_turn_hz, scenario.seed + robot, scenario.lidar_delay_s
         )
-        self.board = (board or board_kind.stand_in).make(self._encoders.ticks)
-        self._mocap = MotionCapture(self._arena, OBSERVER, scenario, self.built.mocap)
+        make = (board or board_kind.stand_in).make
+        self._encoders: SimulatedEncoders | None = None
+        if driven:
+            wheels = DrivenWheels(self.built.wheels, WheelSlip(scenario, robot))
+            self.board = make(wheels.ticks)
+            wheels.attach(motion_of(self.board, self.config, self.built.wheels))
+            self.arena.hand_over(robot, wheels.carried)
+        else:
+            self._encoders = SimulatedEncoders(self.arena, robot, scenario, self.built.wheels)
+            self.board = make(self._encoders.ticks)
+        self._wanted: tuple[int, int] | None = None  # ticks/s
+        self._mocap = MotionCapture(self.arena, robot, scenario, self.built.mocap)
         self._decoder = self.lidar_entry.decoder()
         self._natnet = natnet_protocol.MocapDecoder(_NATNET)
         self._session = board_kind.session(self.config)
@@ -71,8 +96,8 @@ class Simulation:
 
     def truth(self, time: float) -> Truth:
         """Where the teammates truly are at `time` (s), in the observer's frame."""
-        (poses,) = self._arena.poses(np.array([time]))
-        return Truth(time, self._others, to_frame(poses[self._others, :2], poses[OBSERVER]))
+        (poses,) = self.arena.poses(np.array([time]))
+        return Truth(time, self._others, to_frame(poses[self._others, :2], poses[self._robot]))
 
     def bodies(self, time: float) -> Bodies:
         """What motion capture sees at `time` (s); call once a frame, in order."""
@@ -81,41 +106,64 @@ class Simulation:
     def surroundings(self, time: float) -> Surroundings:
         """What is around the observer at `time` (s), for its cameras."""
         half = 0.5 * ARENA_STEP_S
-        before, poses, after = self._arena.poses(np.array([time - half, time, time + half]))
-        own = poses[OBSERVER]
+        before, poses, after = self.arena.poses(np.array([time - half, time, time + half]))
+        own = poses[self._robot]
         return Surroundings(
             to_frame(poses[self._others, :2], own),
-            to_frame(self._arena.posts, own),
+            to_frame(self.arena.posts, own),
             own,
-            self._arena.half_side_m,
-            float(after[OBSERVER, 2] - before[OBSERVER, 2]) / ARENA_STEP_S,
-            self._arena.furniture.seen_from(own),
+            self.arena.half_side_m,
+            float(after[self._robot, 2] - before[self._robot, 2]) / ARENA_STEP_S,
+            self.arena.furniture.seen_from(own),
         )
 
     def forget(self, before: float) -> None:
         """Forget how robots moved before `before` (s); no device may have to tell of it yet."""
-        self._encoders.forget(before)
-        self._arena.forget(before)
+        if self._encoders is not None:
+            self._encoders.forget(before)
+        self.arena.forget(before)
+
+    def last_return(self) -> float:
+        """When anything last came back to the lidar, s."""
+        return self._decoder.last_return
+
+    def command(self, speed_mps: float, turn_rate_radps: float) -> None:
+        """What its host wants, as `Romeo.command`; in force until the next one."""
+        self._wanted = ticks_for(self.config.wheels, speed_mps, turn_rate_radps)
 
     def messages(self) -> Iterator[Message]:
         """Yield Scan, Displacement, Bearings, Bodies, Truth (10 Hz) in order of arrival, once.
 
         The devices' bytes go through the decoders and the conversion that serve the real ones.
         """
-        self.lidar.receive(self.lidar_entry.start, 0.0)
-        self._session.connect(0.0)
+        self.switch_on()
         for tick in range(math.ceil(self.scenario.seconds / _TICK_S) + 1):
             now = min(tick * _TICK_S, self.scenario.seconds)
-            arrivals = [
-                *self._scans(now),
-                *self._displacements(now),
-                *self._bearings(now),
-                *self._bodies(now),
-                *self._truths_until(now),
-            ]
-            arrivals.sort(key=lambda arrival: arrival[0])
-            for _, message in arrivals:
-                yield message
+            yield from self.sense(now, self.talk(now, _TALKS))
+
+    def switch_on(self) -> None:
+        """Start lidar and board at time 0."""
+        self.lidar.receive(self.lidar_entry.start, 0.0)
+        self._session.connect(0.0)
+
+    def talk(self, now: float, talks: int = 1) -> list[Arrival]:
+        """Let board and host talk so often up to `now` (s); return the displacements.
+
+        A host answers at once, not once a tick.
+        """
+        return list(self._displacements(now, talks))
+
+    def sense(self, now: float, talked: list[Arrival]) -> list[Message]:
+        """What comes up to `now` (s), in order of arrival, with what `talk` returned."""
+        arrivals = [
+            *self._scans(now),
+            *talked,
+            *self._bearings(now),
+            *self._bodies(now),
+            *self._truths_until(now),
+        ]
+        arrivals.sort(key=lambda arrival: arrival[0])
+        return [message for _, message in arrivals]
 
     def _scans(self, now: float) -> Iterator[Arrival]:
         delay = self.config.lidar.delay_s
@@ -123,13 +171,12 @@ class Simulation:
             for scan in self._decoder.feed(data, time):
                 yield time, replace(scan, time=scan.time - delay, times=scan.times - delay)
 
-    def _displacements(self, now: float) -> Iterator[Arrival]:
-        # A host answers at once, not once a tick.
-        for talk in np.linspace(self._talked, now, _TALKS + 1)[1:]:
+    def _displacements(self, now: float, talks: int) -> Iterator[Arrival]:
+        for talk in np.linspace(self._talked, now, talks + 1)[1:]:
             for time, data in self.board.transmit(talk):
                 for displacement in self._session.receive(data, time):
                     yield time, displacement
-            self.board.receive(self._session.transmit(talk, None), talk)
+            self.board.receive(self._session.transmit(talk, self._wanted), talk)
         self._talked = now
 
     def _bearings(self, now: float) -> Iterator[Arrival]:

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, cast, runtime_checkable
 
 from host.config import RobotConfig
 from host.drivers.computer import COMPUTER, Computer
@@ -10,19 +11,28 @@ from host.drivers.natnet.client import MOCAP, NatNetClient
 from host.errors import UserError
 from host.messages import Truth
 from host.pipeline import Source
-from host.simulation.devices.catalogue import board_entry, lidar_entry
-from host.simulation.live import Interval, LiveSimulation
+from host.simulation.devices.catalogue import BoardDriver, board_entry, lidar_entry
+from host.simulation.live import BOARD, LIDAR, Interval, LiveSimulation
 from host.simulation.world import scenarios
+from host.simulation.world.arena import Contact
 from host.sources.cameras import StripCamera, camera_sources
 from host.sources.ceiling import CeilingCamera
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
+
+
+@runtime_checkable
+class Returning(Protocol):
+    """A lidar that tells when anything last came back to it, before its revolution is complete."""
+
+    last_return: float
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
     """What a run consists of: the devices, the configuration in effect, and truth if known.
 
-    simulated_board: of a simulation, what stands in for the board.
+    simulated_board: of a simulation, what stands in for the board. contacts: there, who drove
+    against what so far.
     """
 
     title: str
@@ -32,6 +42,18 @@ class Rig:
     scenario: str | None = None
     simulated_board: str | None = None
     truth: Callable[[float], Truth] | None = None
+    contacts: Callable[[], Sequence[Contact]] | None = None
+
+    @property
+    def board(self) -> BoardDriver:
+        """The board, to be commanded."""
+        return cast(BoardDriver, self.sources[BOARD])
+
+    @property
+    def last_return(self) -> Callable[[], float] | None:
+        """When anything last came back to the lidar, host time (s); None: it cannot tell."""
+        lidar = self.sources[LIDAR]
+        return (lambda: lidar.last_return) if isinstance(lidar, Returning) else None
 
     @property
     def cameras(self) -> list[StripCamera]:
@@ -54,7 +76,7 @@ def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
 
 def _drivers(robot: RobotConfig) -> dict[str, Source]:
     lidar, board = lidar_entry(robot.lidar.model), board_entry(robot.board.model)
-    return {"lidar": lidar.driver(robot.lidar), "board": board.driver(robot)}
+    return {LIDAR: lidar.driver(robot.lidar), BOARD: board.driver(robot)}
 
 
 def simulated_rig(
@@ -63,17 +85,30 @@ def simulated_rig(
     scenario: str,
     unplug: Mapping[str, Sequence[Interval]],
     sensors: str,
+    driven: bool = False,
 ) -> Rig:
-    """Simulated devices, which run until `stack` is left."""
+    """Simulated devices, which run until `stack` is left.
+
+    driven: the robot obeys its board, and so the host, instead of following its scripted path.
+    """
     board = board_entry(robot.board.model).best(robot.motors)
     parsed = scenarios.parse_scenario(scenario)
-    live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board))
+    live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board, driven=driven))
     config = live.config
     sources = {**_drivers(config), **_motion_capture(config)}
     if sensors == LIDAR_AND_CAMERA:
         sources |= camera_sources(config.camera) if parsed.rendered else {"camera": live.camera}
     title = f"{scenario} (simulated; board: {board.name})"
-    return Rig(title, config, sensors, sources, scenario, board.name, live.truth)
+    return Rig(
+        title,
+        config,
+        sensors,
+        sources,
+        scenario,
+        board.name,
+        live.truth,
+        lambda: live.contacts,
+    )
 
 
 def _motion_capture(robot: RobotConfig) -> dict[str, Source]:

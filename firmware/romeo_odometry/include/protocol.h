@@ -9,14 +9,14 @@
 #error "frames are little-endian"
 #endif
 
-#define PROTOCOL_HASH 0x21c6a5fbUL
+#define PROTOCOL_HASH 0x1acd120cUL
 #define PROTOCOL_DELIMITER 0x00
 /* Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes. */
 #define PROTOCOL_LARGEST_FRAME 32
 #define PROTOCOL_LARGEST_ENCODED 36
 
 /* [ms] without a velocity frame for so long, both wheels stop */
-#define PROTOCOL_COMMAND_TIMEOUT_MS 300
+#define PROTOCOL_COMMAND_TIMEOUT_MS 150
 /* [Hz] displacement frames a second, by default */
 #define PROTOCOL_REPORT_RATE_HZ 50
 /* [Hz] lowest report rate */

@@ -1,7 +1,6 @@
 """The Romeo board on its USB port: wheel displacements come, wheel speeds go."""
 
 import contextlib
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -12,7 +11,7 @@ import serial
 from host.config import RobotConfig
 from host.drivers.health import HealthReporter
 from host.drivers.reconnect import keep_connected
-from host.drivers.romeo.differential_drive import wheel_speeds
+from host.drivers.romeo.differential_drive import ticks_for
 from host.drivers.romeo.ports import BOARD, SKETCH_IDS
 from host.drivers.romeo.session import BoardSession
 from host.drivers.serial_port import find_port, open_port, read_available
@@ -20,9 +19,8 @@ from host.errors import UserError
 from host.messages import Message
 
 BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
-COMMAND_LIFE_S = 0.5
+COMMAND_LIFE_S = 0.12  # whoever commands sends anew well before
 READ_TIMEOUT_S = 0.02
-FASTEST_TICKS_PER_S = 32767  # an i16 of the velocity frame
 
 
 class Romeo:
@@ -44,15 +42,9 @@ class Romeo:
         Both are clipped to the limits of robot.toml's [wheels]; call again to go on. Raises
         ValueError where one is not a finite number.
         """
-        if not (math.isfinite(speed_mps) and math.isfinite(turn_rate_radps)):
-            raise ValueError(f"no finite command: {speed_mps} m/s, {turn_rate_radps} rad/s")
-        speed = _clip(speed_mps, self._wheels.max_speed_mps)
-        turn_rate = _clip(turn_rate_radps, self._wheels.max_turn_rate_radps)
-        left, right = wheel_speeds(self._wheels, speed, turn_rate)
-        # Both wheels are slowed alike, so that the robot stays on its arc.
-        scale = min(1.0, FASTEST_TICKS_PER_S / max(abs(left), abs(right), 1.0))
+        wanted = ticks_for(self._wheels, speed_mps, turn_rate_radps)
         with self._lock:
-            self._wanted = (round(scale * left), round(scale * right)), self._clock()
+            self._wanted = wanted, self._clock()
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Displacement, and Health a second and a change of state, until `stop` is set.
@@ -92,7 +84,3 @@ class Romeo:
 
     def _report_failure(self, emit: Callable[[Message], None], error: UserError) -> None:
         self._health.report(emit, False, str(error), self._session.counts, certain=True)
-
-
-def _clip(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)

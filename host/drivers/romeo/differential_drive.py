@@ -7,6 +7,7 @@ from host.messages import Displacement
 
 # What one illegal transition may have cost, in ticks: two edges missed, all of them the same way.
 TICKS_PER_ILLEGAL = 2
+FASTEST_TICKS_PER_S = 32767  # an i16 of the velocity frame
 
 
 def displacement(
@@ -64,6 +65,25 @@ def wheel_speeds(wheels: Wheels, speed_mps: float, turn_rate_radps: float) -> tu
         (speed_mps - difference) / _metres_per_tick(wheels, wheels.left_radius_m),
         (speed_mps + difference) / _metres_per_tick(wheels, wheels.right_radius_m),
     )
+
+
+def ticks_for(wheels: Wheels, speed_mps: float, turn_rate_radps: float) -> tuple[int, int]:
+    """What to send for it: whole ticks/s (left, right), clipped to the limits of robot.toml.
+
+    Raises ValueError where one is not a finite number.
+    """
+    if not (math.isfinite(speed_mps) and math.isfinite(turn_rate_radps)):
+        raise ValueError(f"no finite command: {speed_mps} m/s, {turn_rate_radps} rad/s")
+    speed = _clip(speed_mps, wheels.max_speed_mps)
+    turn_rate = _clip(turn_rate_radps, wheels.max_turn_rate_radps)
+    left, right = wheel_speeds(wheels, speed, turn_rate)
+    # Both wheels are slowed alike, so that the robot stays on its arc.
+    scale = min(1.0, FASTEST_TICKS_PER_S / max(abs(left), abs(right), 1.0))
+    return round(scale * left), round(scale * right)
+
+
+def _clip(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
 
 
 def body_speeds(

@@ -9,7 +9,7 @@ from enum import IntFlag
 from struct import Struct
 from typing import ClassVar
 
-PROTOCOL_HASH = 0x21C6A5FB
+PROTOCOL_HASH = 0x1ACD120C
 # Major, minor, patch of the firmware in this repository.
 FIRMWARE_VERSION = (0, 2, 0)
 # Largest id + fields, and the same with CRC, COBS byte and delimiter, in bytes.
@@ -17,7 +17,7 @@ LARGEST_FRAME = 32
 LARGEST_ENCODED = 36
 
 # [ms] without a velocity frame for so long, both wheels stop
-COMMAND_TIMEOUT_MS = 300
+COMMAND_TIMEOUT_MS = 150
 # [Hz] displacement frames a second, by default
 REPORT_RATE_HZ = 50
 # [Hz] lowest report rate

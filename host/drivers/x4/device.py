@@ -56,6 +56,11 @@ class X4:
         self._health = HealthReporter(LIDAR, clock, _HEALTH_PERIOD_S)
         self._recent = b""  # the last bytes, to find out about an unknown format
 
+    @property
+    def last_return(self) -> float:
+        """When anything last came back to it, host time, s; whole revolutions are older."""
+        return self._decoder.last_return
+
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit a Scan a revolution, Health a second and at a change of state, until `stop` is set.
 

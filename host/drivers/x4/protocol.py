@@ -32,7 +32,8 @@ class ScanDecoder:
     """Turns the byte stream of an X4, cut anywhere, into scans and replies.
 
     counts: by name, since the start. speed_hz: revolutions a second as the lidar reports them, 0
-    where it does not. motor_hz: the same by the angles of the last revolution.
+    where it does not. motor_hz: the same by the angles of the last revolution. last_return: when
+    the newest packet came in which anything came back, host time, s.
     A packet is held back until its checksum is right and what follows it does not speak against
     its length; after a bad one the search goes on right behind its header, so that damage costs
     the packets it touches and no other.
@@ -56,6 +57,7 @@ class ScanDecoder:
             0,
         )
         self.speed_hz = self.motor_hz = 0.0
+        self.last_return = -math.inf
         self._replies: list[Reply] = []
         self.reset()
 
@@ -160,6 +162,8 @@ class ScanDecoder:
         counts, clock = self.counts, self._clock
         counts["packets"] += 1
         counts["points"] += size
+        if content.count(0) < len(content):
+            self.last_return = sent
         gap = (first - self._end) % UNITS_PER_REVOLUTION
         lost = 0
         if gap > self._largest_gap:

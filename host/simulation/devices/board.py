@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from host.config import Motors
+from host.config import Motors, RobotConfig, Wheels
 from host.errors import UserError
 from host.flashing.build import build_with_avr_gcc
 from host.simulation.devices import romeo_library
+from host.simulation.devices.driven_wheels import CommandDriven, MotorDriven
 from host.simulation.devices.romeo_elf_device import RomeoElfDevice
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 
@@ -21,6 +22,18 @@ class BoardKind(NamedTuple):
 
     make: Callable[[Ticks], RomeoStandIn | RomeoElfDevice]
     name: str
+
+
+def motion_of(
+    board: RomeoStandIn | RomeoElfDevice, robot: RobotConfig, wheels: Wheels
+) -> MotorDriven | CommandDriven:
+    """What turns the wheels of a robot that obeys this board. wheels: as they truly are."""
+    motors = robot.motors
+    if isinstance(board, RomeoElfDevice):
+        return MotorDriven(lambda: board.board.motors, motors)
+    mean_radius = 0.5 * (robot.wheels.left_radius_m + robot.wheels.right_radius_m)
+    acceleration = motors.acceleration_mps2 / mean_radius
+    return CommandDriven(board.wheel_speeds, wheels.counts_per_turn, acceleration)
 
 
 STAND_IN = BoardKind(RomeoStandIn, "a stand-in")

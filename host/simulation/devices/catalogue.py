@@ -25,8 +25,20 @@ class Driver(Protocol):
         """Emit what the device measures, and its Health, until `stop` is set."""
 
 
+class BoardDriver(Driver, Protocol):
+    """A board on its port, which also obeys."""
+
+    def command(self, speed_mps: float, turn_rate_radps: float, /) -> None:
+        """Drive so for a moment, from any thread; call again to go on."""
+
+
 class LidarDecoder(Protocol):
-    """The lidar's bytes → scans, without a device: pure and incremental."""
+    """The lidar's bytes → scans, without a device: pure and incremental.
+
+    last_return: when anything last came back to it, host time, s.
+    """
+
+    last_return: float
 
     def feed(self, data: bytes, arrival: float, /) -> Sequence[Scan]:
         """Take bytes that arrived at host time `arrival` (s); return the completed scans."""
@@ -69,7 +81,7 @@ class BoardEntry:
     the simulated board of recordings; best: the truest that this computer can run.
     """
 
-    driver: Callable[[RobotConfig], Driver]
+    driver: Callable[[RobotConfig], BoardDriver]
     session: Callable[[RobotConfig], BoardSession]
     stand_in: BoardKind
     best: Callable[[Motors], BoardKind]

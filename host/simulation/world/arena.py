@@ -4,10 +4,13 @@ The random walk is that of Belaroussi 2024, appendix A.1: straight on until one 
 proximity sensors reads less than 0.4 m, then away from it for a random 0.2 to 0.8 s. The reading is
 taken from the robot's centre, so that robots do come near each other. Bodies are discs that never
 overlap; what would make them touch is stopped as a bumper would. A pair that drives side by side
-walks as one body, which rotates about its middle: one robot then drives backwards.
+walks as one body, which rotates about its middle: one robot then drives backwards. A robot that is
+handed over does not walk: its own wheels move it, until something is in its way.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,11 +35,28 @@ ACCELERATION_MPS2 = 1.0
 TURN_ACCELERATION_RADPS2 = 20.0
 
 
+# How far a robot's wheels carried it up to a time (s), since it was last asked: m, rad.
+Wheelwork = Callable[[float], tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A robot drove against something. time s; robot: who moved; other: whom it met, -1: a thing.
+
+    A robot that stays pressed against the same thing has one contact with it.
+    """
+
+    time: float
+    robot: int
+    other: int
+
+
 class Arena:
     """Robots on the move; time starts at 0 and the room's centre is the origin.
 
     posts (p, 2) m and furniture stand still. The motion is a function of the scenario alone: it is
-    computed in fixed steps, when someone asks for a time not reached yet.
+    computed in fixed steps, when someone asks for a time not reached yet. With robots handed over
+    it waits for `advance` instead. contacts: of all robots, in order.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -70,6 +90,9 @@ class Arena:
         self._turn_rate = np.zeros(walkers)
         self._rotate_until = np.zeros(walkers)
         self._rotation_sign = np.ones(walkers)
+        self._wheelworks: dict[int, Wheelwork] = {}
+        self.contacts: list[Contact] = []
+        self._held: set[tuple[int, int]] = set()  # who is pressed against whom
         self._history = np.zeros((512, self.count, 3))
         self._first = 0  # the step of the history's first row
         self._steps = 0
@@ -92,6 +115,19 @@ class Arena:
             "ask for fewer of them, less furniture or a larger side_m",
         )
 
+    def hand_over(self, robot: int, wheelwork: Wheelwork) -> None:
+        """Let its wheels move a robot from now on. Raises UserError where it is one of a pair."""
+        if self._pair_m and robot in (_PAIR, _PAIR + 1):
+            raise UserError(
+                f"robot {robot} cannot drive on its own",
+                "it is one of a pair that drives side by side",
+                "leave pair_m out, or stacks=all",
+            )
+        walker = robot if not self._pair_m or robot == 0 else robot - 1
+        self._wheelworks[walker] = wheelwork
+        self._drives[walker] = False
+        self._speed[walker] = 0.0
+
     @property
     def now(self) -> float:
         """The time reached, s."""
@@ -106,14 +142,15 @@ class Arena:
         """Poses (k, n, 3): x, y (m), heading (rad, not wrapped) of every robot at `times` (k,).
 
         Before 0, or what is forgotten, the robots stand still; a later time than reached moves the
-        arena on.
+        arena on or, with robots handed over, is foreseen by their last motion.
         """
         index = np.maximum(np.asarray(times, dtype=float) / ARENA_STEP_S, 0.0)
-        if index.size:
+        if index.size and not self._wheelworks:
             self.advance(float(index.max()) * ARENA_STEP_S)
         index = np.maximum(index, self._first)
-        before = np.minimum(index.astype(np.intp), self._steps - 1)
-        after = np.minimum(before + 1, self._steps - 1)
+        last = self._steps - 1
+        before = np.minimum(index.astype(np.intp), max(last - 1, 0) if self._wheelworks else last)
+        after = np.minimum(before + 1, last)
         share = (index - before)[:, None, None]
         begin, end = self._history[before - self._first], self._history[after - self._first]
         poses: FloatArray = (1.0 - share) * begin + share * end
@@ -151,6 +188,11 @@ class Arena:
         rate = np.where(rotating, self._rotation_sign * TURN_RATE_RADPS, 0.0)
         self._velocity += _limited(speed - self._velocity, ACCELERATION_MPS2 * ARENA_STEP_S)
         self._turn_rate += _limited(rate - self._turn_rate, TURN_ACCELERATION_RADPS2 * ARENA_STEP_S)
+
+        for robot, wheelwork in self._wheelworks.items():
+            way, rotation = wheelwork(self._steps * ARENA_STEP_S)
+            self._velocity[robot] = way / ARENA_STEP_S
+            self._turn_rate[robot] = rotation / ARENA_STEP_S
 
         middle = self._heading + 0.5 * ARENA_STEP_S * self._turn_rate
         move = (ARENA_STEP_S * self._velocity)[:, None] * np.stack(
@@ -217,6 +259,7 @@ class Arena:
         ever. Stopping one may leave it in a third one's way: repeat until nothing changes.
         """
         stopped: BoolArray = np.zeros(len(move), dtype=bool)
+        held: set[tuple[int, int]] = set()
         approaching = np.einsum("ik,ijk->ij", move, offsets) > 0.0
         limit = (self.half_side_m - self._reach)[:, None]
         while True:
@@ -224,11 +267,22 @@ class Arena:
             outside = np.any((np.abs(tried) > limit) & (self._position * move > 0.0), axis=1)
             ahead = self._offsets(tried)
             distance = np.hypot(ahead[..., 0], ahead[..., 1])
-            touching = distance < self._radii + self._reach[:, None]
-            more = (outside | np.any(touching & approaching, axis=1)) & ~stopped
+            touching = (distance < self._radii + self._reach[:, None]) & approaching
+            more = (outside | np.any(touching, axis=1)) & ~stopped
             if not more.any():
+                self._note_contacts(held)
                 return stopped
             stopped |= more
+            held |= {(int(k), -1) for k in np.flatnonzero(outside & more)}
+            held |= {
+                (int(k), int(other) if other < len(move) else -1)
+                for k, other in zip(*np.nonzero(touching & more[:, None]), strict=True)
+            }
+
+    def _note_contacts(self, held: set[tuple[int, int]]) -> None:
+        for robot, other in sorted(held - self._held):
+            self.contacts.append(Contact(self._steps * ARENA_STEP_S, robot, other))
+        self._held = held
 
 
 def _walkers(scenario: Scenario) -> int:

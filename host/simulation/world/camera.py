@@ -10,6 +10,7 @@ from host.messages import Bearings, BoolArray, FloatArray, IntArray
 from host.simulation.world.arena import TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import Beams, meet_boxes
 from host.simulation.world.scenarios import Scenario
+from host.simulation.world.sensors import robots_own
 
 
 class SimulatedCamera:
@@ -27,7 +28,7 @@ class SimulatedCamera:
         self._boxes_hide = furniture.box_top_m > Strip().height_m
         # No filter is given an exact bearing.
         self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
-        self._random = scenario.generator("camera")
+        self._random = scenario.generator("camera" + robots_own(observer))
 
     def bearings(self, time: float) -> Bearings:
         """Return what an image pair taken at `time` (s) shows; call once a frame, in order.

@@ -9,6 +9,12 @@ import numpy as np
 from host.errors import UserError
 from host.registry import SCENARIOS
 
+STACKS = ("none", "own", "all")
+
+
+def _one_of(words: tuple[str, ...]) -> Any:
+    return field(default=words[0], metadata={"words": words})
+
 
 def _bounded(default: Any, low: float, high: float) -> Any:
     return field(default=default, metadata={"bounds": (low, high)})
@@ -36,6 +42,10 @@ class Scenario:
     seed: int = _bounded(0, 0, 2**32 - 1)
     seconds: float = _bounded(120.0, 0.1, 7200.0)
     speed_mps: float = _bounded(0.3, 0.0, 2.0)
+
+    # Which robots drive on their own stacks, from sensors to wheels, instead of scripted paths.
+    stacks: str = _one_of(STACKS)
+    behaviour: str = field(default="walk", metadata={"words": None})  # and what they do
 
     # Of ordinary errors in how the observing robot was built (`built`); 0: as its robot.toml says.
     misbuilt: float = _bounded(0.0, 0.0, 3.0)
@@ -119,14 +129,16 @@ def settings(text: str) -> dict[str, str]:
     return found
 
 
-def _value(key: str, value: str, text: str) -> int | float:
-    known = {f.name: f for f in fields(Scenario) if "bounds" in f.metadata}
+def _value(key: str, value: str, text: str) -> int | float | str:
+    known = {f.name: f for f in fields(Scenario) if f.metadata}
     if key not in known:
         raise UserError(
             f"scenario {text!r} has no setting {key!r}",
             f"known: {', '.join(sorted(known))}",
             "write settings as in arena4:seconds=60,seed=1",
         )
+    if "words" in known[key].metadata:
+        return _word(key, value, text, known[key].metadata["words"])
     low, high = known[key].metadata["bounds"]
     kind = int if known[key].type is int else float
     try:
@@ -142,3 +154,14 @@ def _value(key: str, value: str, text: str) -> int | float:
             f"write it as in {key}={known[key].default}",
         )
     return number
+
+
+def _word(key: str, value: str, text: str, words: tuple[str, ...] | None) -> str:
+    """words: the only ones there are; None: whoever uses it knows them."""
+    if words is not None and value not in words:
+        raise UserError(
+            f"scenario {text!r}: {key} cannot be {value!r}",
+            f"it is one of {', '.join(words)}",
+            f"write it as in {key}={words[-1]}",
+        )
+    return value

@@ -32,6 +32,11 @@ DARK_CELL_M = 0.05
 DARK_RUN_CELLS = 8.0
 
 
+def robots_own(robot: int) -> str:
+    """What makes the purpose of random numbers this robot's own; nothing for the first one."""
+    return f" of robot {robot}" if robot else ""
+
+
 class SimulatedLidar:
     """The lidar on one robot: ranges of samples taken one after another, as noisy as an X4's.
 
@@ -57,10 +62,11 @@ class SimulatedLidar:
         self._pillars = config.blind_sectors
         self._beams = beams
         self._scenario = scenario
-        self._noise = scenario.generator("lidar range")
-        self._rim = scenario.generator("lidar rim")
+        own = robots_own(observer)
+        self._noise = scenario.generator("lidar range" + own)
+        self._rim = scenario.generator("lidar rim" + own)
         self._dropouts = _runs(
-            scenario.generator("lidar dropouts"), scenario.dropout_share, scenario.dropout_run
+            scenario.generator("lidar dropouts" + own), scenario.dropout_share, scenario.dropout_run
         )
         self._dropped: BoolArray = np.zeros(0, dtype=bool)
         self._dark = _dark_cells(scenario)
@@ -176,8 +182,24 @@ def _dark_cells(scenario: Scenario) -> BoolArray:
     return dark[:cells]
 
 
+class WheelSlip:
+    """The relative slip of a robot's wheels: it drifts and comes back to none."""
+
+    def __init__(self, scenario: Scenario, robot: int) -> None:
+        self._random = scenario.generator("wheel slip" + robots_own(robot))
+        self._keep = math.exp(-ARENA_STEP_S / scenario.slip_seconds)
+        self._kick = scenario.wheel_slip * math.sqrt(1.0 - self._keep**2)
+        self._slip: FloatArray = scenario.wheel_slip * self._random.standard_normal(2)
+
+    def next(self) -> FloatArray:
+        """The slip (left, right) in the next step of the arena: a share of the way."""
+        slip = self._slip
+        self._slip = self._keep * slip + self._kick * self._random.standard_normal(2)
+        return slip
+
+
 class SimulatedEncoders:
-    """The wheel encoders of one robot: how far its wheels rotated, with slip."""
+    """The wheel encoders of one robot that walks: how far its wheels rotated, with slip."""
 
     def __init__(self, arena: Arena, observer: int, scenario: Scenario, wheels: Wheels) -> None:
         self._arena = arena
@@ -185,10 +207,7 @@ class SimulatedEncoders:
         self._half_track = 0.5 * wheels.track_m
         radii = np.array([wheels.left_radius_m, wheels.right_radius_m])
         self._counts_per_m = wheels.counts_per_turn / (2.0 * math.pi * radii)
-        self._random = scenario.generator("wheel slip")
-        self._keep = math.exp(-ARENA_STEP_S / scenario.slip_seconds)
-        self._kick = scenario.wheel_slip * math.sqrt(1.0 - self._keep**2)
-        self._slip = scenario.wheel_slip * self._random.standard_normal(2)
+        self._slip = WheelSlip(scenario, observer)
         self._counts = [np.zeros(2)]  # at every step of the arena from `_first` on
         self._first = 0
 
@@ -209,7 +228,7 @@ class SimulatedEncoders:
             self._first += old
 
     def _extend(self, step: int) -> None:
-        """Count up to a step: each wheel's slip drifts and comes back to none."""
+        """Count up to a step."""
         known = self._first + len(self._counts) - 1
         if step <= known:
             return
@@ -220,6 +239,5 @@ class SimulatedEncoders:
         travel = np.diff(track[:, 0]) * np.cos(middle) + np.diff(track[:, 1]) * np.sin(middle)
         sideways = self._half_track * rotation
         for wheels in np.stack((travel - sideways, travel + sideways), axis=1):
-            counted = self._counts_per_m * wheels * (1.0 + self._slip)
+            counted = self._counts_per_m * wheels * (1.0 + self._slip.next())
             self._counts.append(self._counts[-1] + counted)
-            self._slip = self._keep * self._slip + self._kick * self._random.standard_normal(2)

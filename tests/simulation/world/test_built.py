@@ -66,7 +66,7 @@ def test_odometry_of_wrong_wheels_strays_and_that_of_the_true_ones_does_not() ->
         for message in messages:
             if isinstance(message, Displacement):
                 path.append(message)
-        first, last = simulation._arena.poses(np.array([0.0, path.end]))[:, 0]
+        first, last = simulation.arena.poses(np.array([0.0, path.end]))[:, 0]
         true = to_frame(last[None, :2], first)[0]
         ends.append(float(np.hypot(*(path.poses(np.array([path.end]))[0, :2] - true))))
     assert ends[0] > 0.3
@@ -81,7 +81,7 @@ def test_motion_capture_sees_every_body_where_it_lies_on_its_robot() -> None:
     mocap = simulation.built.mocap
     for frame in frames[::20]:
         assert list(frame.identities) == [1, 2, 3, 4]
-        (poses,) = simulation._arena.poses(np.array([frame.time]))
+        (poses,) = simulation.arena.poses(np.array([frame.time]))
         c, s = np.cos(poses[0, 2]), np.sin(poses[0, 2])
         place = poses[0, :2] + np.array([[c, -s], [s, c]]) @ [mocap.x_m, mocap.y_m]
         assert frame.poses[0, :2] == pytest.approx(place)

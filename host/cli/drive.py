@@ -1,0 +1,130 @@
+"""`swarmloc drive`: the robot, or a simulated one, driven by keys or by a behaviour."""
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from host.behaviour import catalogue
+from host.behaviour.interface import Behaviour
+from host.behaviour.keys import HELP, Keys
+from host.cli import options
+from host.cli.keyboard import keys_read
+from host.cli.live_screen import check_failures, show_run, view_option, viewer_at
+from host.cli.summary import summary
+from host.config import RobotConfig
+from host.sessions.driving import contacts_in_words, drive_rig, driving_of
+from host.sessions.robot import robot_configuration
+
+AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
+
+
+def drive_options(command: AnyFunction) -> AnyFunction:
+    """The options that all ways to drive share."""
+    choices = [
+        options.robot_option,
+        click.option(
+            "--simulate",
+            "scenario",
+            metavar="SCENARIO",
+            help="Drive a simulated robot, in arena4 or another scenario; it obeys its board.",
+        ),
+        click.option(
+            "--seconds", type=click.FloatRange(0.1), help="End after so long.  [default: never]"
+        ),
+        click.option(
+            "--record",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="Record what was measured and estimated (FILE ends in .swarmloc).",
+        ),
+        view_option,
+        options.json_option,
+    ]
+    for choice in reversed(choices):
+        command = choice(command)
+    return command
+
+
+class KeysByDefault(click.Group):
+    """Without a command it is `keys`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put the default command in front where none is named."""
+        if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
+            args = ["keys", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(
+    cls=KeysByDefault,
+    short_help="Drive the robot: by keys, a square, a walk.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="""\b
+Examples:
+  swarmloc drive --simulate arena4
+  swarmloc drive walk --robot robot.toml""",
+)
+def drive() -> None:
+    """Drive the robot; without a command, by keys.
+
+    It stops before walls and teammates, and where a sensor it needs is lost (docs/driving.md).
+    """
+
+
+@drive.command(
+    epilog="""\b
+Example:
+  swarmloc drive keys --simulate arena4"""
+)
+@drive_options
+def keys(**common: Any) -> None:
+    """Drive by keys while one is held down: hold w/s, a/d, q/e, z/c; x ends."""
+    driver = Keys()
+
+    def press(key: str, time: float) -> None:
+        if key in ("x", "\x03", "\x04"):
+            driver.end()
+        driver.press(key, time)
+
+    with keys_read(press, driver.end):
+        click.echo(HELP)
+        _drive(lambda robot: driver, **common)
+
+
+@drive.command(
+    epilog="""\b
+Example:
+  swarmloc drive walk --simulate arena4 --seconds 60"""
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of its random numbers.")
+@drive_options
+def walk(seed: int, **common: Any) -> None:
+    """Wander at random and avoid what is in the way, until Ctrl-C or for --seconds."""
+    _drive(lambda robot: catalogue.make("walk", robot, seed), **common)
+
+
+def _drive(
+    behaviour_of: Callable[[RobotConfig], Behaviour],
+    robot_path: Path | None,
+    scenario: str | None,
+    seconds: float | None,
+    record: Path | None,
+    view: tuple[str, int] | None,
+    json_path: Path | None,
+) -> None:
+    robot = robot_configuration(robot_path)
+    with contextlib.ExitStack() as stack:
+        rig = drive_rig(stack, robot, scenario)
+        driving = driving_of(rig, behaviour_of(rig.config))
+        viewer = viewer_at(rig, view)
+        viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
+        outcome = show_run(rig, seconds, record, viewers, driving)
+        contacts = contacts_in_words(rig)
+    click.echo(summary(outcome.figures))
+    if contacts:
+        click.echo(contacts)
+    options.write_json(json_path, outcome.figures)
+    check_failures(outcome)

@@ -1,0 +1,57 @@
+"""Messages on their way from the devices' threads to the localizer's: bounded, counted."""
+
+import threading
+from collections import deque
+
+from host.messages import Displacement, Message
+
+CAPACITY = 256  # messages: some 3 s of them
+
+
+class MessageQueue:
+    """Between threads. When it is full a message is dropped and counted.
+
+    It is the oldest one that is no displacement: one scan less is of little harm, but a missing
+    displacement is a hole in the odometry.
+    """
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self.dropped = 0
+        self._messages: deque[Message] = deque()
+        self._capacity = capacity
+        self._news = threading.Condition()
+        self._closed = False
+
+    def put(self, message: Message) -> None:
+        """Append a message; never waits. After `close` it does nothing."""
+        with self._news:
+            if self._closed:
+                return
+            self._messages.append(message)
+            if len(self._messages) > self._capacity:
+                self._drop()
+            self._news.notify()
+
+    def _drop(self) -> None:
+        others = (k for k, m in enumerate(self._messages) if not isinstance(m, Displacement))
+        del self._messages[next(others, 0)]
+        self.dropped += 1
+
+    def close(self) -> None:
+        """Refuse what comes from now on; what is in it can still be taken."""
+        with self._news:
+            self._closed = True
+            self._news.notify()
+
+    @property
+    def exhausted(self) -> bool:
+        """Is it closed and empty?"""
+        with self._news:
+            return self._closed and not self._messages
+
+    def take(self, timeout_s: float) -> Message | None:
+        """The oldest message, None where none comes within `timeout_s`."""
+        with self._news:
+            if not self._messages and not self._closed:
+                self._news.wait(timeout_s)
+            return self._messages.popleft() if self._messages else None
