@@ -38,16 +38,15 @@ def associate(
     ratios (p,): psi(i, j), the likelihood that i caused j over that i was missed and j is clutter
     or new. (Williams & Lau 2014, eq. 30-31, 33; psi there.)
     """
-    free = np.ones(len(i))
+    claims, free = ratios, np.ones(len(i))
     for _ in range(_MOST_ITERATIONS):
-        claims = ratios * free
-        others = 1.0 + np.bincount(i, claims, targets).take(i) - claims
+        others = 1.0 + (np.bincount(i, claims, targets).take(i) - claims)
         toward = ratios / np.maximum(others, 1.0)
         claimed = 1.0 + np.bincount(j, toward, readings)
         before, free = free, 1.0 / np.maximum(claimed.take(j) - toward, 1.0)
-        if not len(i) or np.abs(free - before).max() < _CLOSE_ENOUGH:
+        claims = ratios * free
+        if not (np.abs(free - before) > _CLOSE_ENOUGH).any():
             break
-    claims = ratios * free
     missed = np.asarray(1.0 / (1.0 + np.bincount(i, claims, targets)), dtype=np.float64)
     unclaimed = np.asarray(1.0 / claimed, dtype=np.float64)
     return Association(claims * missed.take(i), missed, unclaimed, free)

@@ -17,7 +17,7 @@ ROWS = 6
 X, Y, PXX, PXY, PYY, WEIGHT = range(ROWS)  # m, m²; weight: expected number of targets
 
 _DENSE_PAIRS = 4096  # up to here a full distance table is faster than a KD-tree
-_NEIGHBOURS = 8  # readings a component may be paired with when the tree is used
+_NEIGHBOURS = 8  # how many each may be paired with when the tree is used
 _ODD_SIZE = 0.2  # share of strips whose size misleads
 
 
@@ -51,7 +51,7 @@ def gated_pairs(
 
     rows (ROWS, n), readings (m, 2) with (m, 2, 2). Kept is at least every pair within `gate`
     (squared Mahalanobis distance), as the trace bounds the longest axis; where there are many
-    pairs, only those with the nearest few readings of each component.
+    pairs, of the fewer (components or readings) only those with the nearest few of the others.
     """
     n, m = rows.shape[1], len(positions)
     if not n or not m:
@@ -64,11 +64,26 @@ def gated_pairs(
         flat = (dx * dx + dy * dy < reach[:, None]).ravel().nonzero()[0]
         i = flat // m
         return i, flat - i * m
-    distance, reading = cKDTree(positions).query(
-        rows[: Y + 1].T, k=min(_NEIGHBOURS, m), distance_upper_bound=math.sqrt(float(reach.max()))
-    )
-    i, k = (distance * distance < reach[:, None]).nonzero()
-    return i, np.asarray(reading)[i, k]
+    farthest = math.sqrt(float(reach.max()))
+    if n <= m:
+        i, j, distance = _neighbours(rows[: Y + 1].T, positions, farthest)
+    else:
+        j, i, distance = _neighbours(positions, rows[: Y + 1].T, farthest)
+    near = (distance * distance < reach.take(i)).nonzero()[0]
+    return i.take(near), j.take(near)
+
+
+def _neighbours(
+    points: FloatArray, others: FloatArray, reach: float
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Indices (p,), (p,) of points (n, 2) and the nearest few of others (m, 2); distances (p,).
+
+    No further apart than `reach` m.
+    """
+    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)
+    distance, other = tree.query(points, min(_NEIGHBOURS, len(others)), 0, 2, reach)
+    i, k = np.isfinite(distance).nonzero()
+    return i, np.asarray(other)[i, k], distance[i, k]
 
 
 def update_by_positions(

@@ -6,6 +6,7 @@ floor. A covariance is kept as its ten distinct entries.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from host.messages import Displacement, FloatArray, IntArray
 
 X, Y, VX, VY = range(4)  # m, m/s
 PXX, PXY, PYY, PXVX, PXVY, PYVX, PYVY, PVXVX, PVXVY, PVYVY = range(4, 14)
-WEIGHT = 14
-ROWS = 15
+ROWS = 14
+PLACE = [X, Y, PXX, PXY, PYY]  # the rows of `gaussian_mixture` but for the weight
 MEAN, COVARIANCE, VELOCITY = slice(0, 4), slice(4, 14), slice(2, 4)
 # Row and column of each distinct entry, and the entry of each row and column.
 FIRST = np.array([0, 0, 1, 0, 0, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 1, 2, 3, 2, 3, 2, 3, 3])
 ENTRY = np.array([[0, 1, 3, 4], [1, 2, 5, 6], [3, 5, 7, 8], [4, 6, 8, 9]])
+_WITH_POSITION, _WITH_VELOCITY = PXX + ENTRY[:, :2], PXX + ENTRY[:, 2:]
 
 # For P' = G P G^T: entry (a, b) of P' is the sum over entries (c, d) of G_ac G_bd + G_ad G_bc,
 # once where c = d. Each is an index into the sixteen elements of G.
@@ -28,8 +30,6 @@ _BD = 4 * SECOND[:, None] + SECOND
 _AD = 4 * FIRST[:, None] + SECOND
 _BC = 4 * SECOND[:, None] + FIRST
 _MIXED = (FIRST != SECOND).astype(np.float64)
-
-_LEAST_WEIGHT = 1e-20  # keeps the moments of a mode that is ruled out finite
 
 
 def congruence(matrices: FloatArray) -> FloatArray:
@@ -42,11 +42,11 @@ def congruence(matrices: FloatArray) -> FloatArray:
 def propagate(rows: FloatArray, transitions: FloatArray, noise: FloatArray) -> None:
     """Kalman prediction of Gaussians (ROWS, k, n), in place: m' = F m, P' = F P F^T + Q.
 
-    transitions (k, 4, 4), noise (10, k): the entries of Q, one for each of the k modes.
+    transitions (k, 4, 4), noise (10, k): the entries of Q, one for each of the k motions.
     """
-    by_mode = rows.transpose(1, 0, 2)
-    by_mode[:, MEAN] = transitions @ by_mode[:, MEAN]
-    by_mode[:, COVARIANCE] = congruence(transitions) @ by_mode[:, COVARIANCE]
+    by_motion = rows.transpose(1, 0, 2)
+    by_motion[:, MEAN] = transitions @ by_motion[:, MEAN]
+    by_motion[:, COVARIANCE] = congruence(transitions) @ by_motion[:, COVARIANCE]
     rows[COVARIANCE] += noise[:, :, None]
 
 
@@ -59,7 +59,7 @@ def add_odometry_noise(rows: FloatArray, motion: Displacement) -> None:
     rows[PYY] += motion.translation_variance
     lever = rows.take((Y, X, VY, VX), axis=0)
     lever[::2] *= -1.0
-    rows[COVARIANCE] += motion.heading_variance * lever.take(FIRST, 0) * lever.take(SECOND, 0)
+    rows[COVARIANCE] += motion.heading_variance * outer(lever)
 
 
 def into_frame(motion: Displacement) -> FloatArray:
@@ -68,9 +68,60 @@ def into_frame(motion: Displacement) -> FloatArray:
     return np.array([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, c, s], [0, 0, -s, c]])
 
 
+def outer(vectors: FloatArray) -> FloatArray:
+    """The distinct entries (10, ...) of v v^T, for vectors (4, ...)."""
+    return np.asarray(vectors.take(FIRST, axis=0) * vectors.take(SECOND, axis=0))
+
+
 def places_then(rows: FloatArray, lags: FloatArray | float) -> FloatArray:
     """Positions (2, ..., n) of Gaussians `lags` s ago, at which a reading of them was made."""
     return np.asarray(rows[: Y + 1] - lags * rows[VELOCITY])
+
+
+@dataclass(frozen=True, slots=True)
+class Innovations:
+    """What position readings say of Gaussians (ROWS, ..., p), one each.
+
+    squares (..., p): nu^T S^-1 nu. likelihood (..., p): N(nu; 0, S), 1/m². steps (12, ..., p): the
+    three vectors that `changes` is made of.
+    """
+
+    squares: FloatArray
+    likelihood: FloatArray
+    steps: FloatArray
+
+    def changes(self, chosen: IntArray) -> FloatArray:
+        """By the update of those chosen (q,): (ROWS, ..., q), as `absorb` takes them."""
+        steps = self.steps.take(chosen, axis=-1)
+        lost = outer(steps[4:8]) + outer(steps[8:]) - outer(steps[:4])
+        return np.concatenate((steps[:4], lost))
+
+
+def innovations(
+    rows: FloatArray, places: FloatArray, noise: FloatArray, lags: FloatArray | float
+) -> Innovations:
+    """Of position readings: H = [I, -lag I]; rows (ROWS, ..., p).
+
+    places (2, ..., p) m, noise (3, ..., p) m²: xx, xy, yy; both made `lags` s ago.
+    """
+    crossed = rows.take(_WITH_POSITION, 0) - lags * rows.take(_WITH_VELOCITY, 0)  # P H^T
+    (sxx, sxy), (_, syy) = crossed[:2] - lags * crossed[2:]
+    sxx, sxy, syy = sxx + noise[0], sxy + noise[1], syy + noise[2]
+    inverse = 1.0 / (sxx * syy - sxy * sxy)
+    dx, dy = places - places_then(rows, lags)
+    ax, ay = (syy * dx - sxy * dy) * inverse, (sxx * dy - sxy * dx) * inverse  # S^-1 nu
+    squares = dx * ax + dy * ay
+    likelihood = np.exp(-0.5 * squares) * np.sqrt(inverse) * (0.5 / math.pi)
+    # With S^-1 = L L^T the covariance loses (P H^T L) (P H^T L)^T.
+    x, y = crossed[:, 0], crossed[:, 1]
+    steps = np.concatenate(
+        (
+            x * ax + y * ay,
+            x * np.sqrt(syy * inverse) - y * (sxy * np.sqrt(inverse / syy)),
+            y / np.sqrt(syy),
+        )
+    )
+    return Innovations(squares, likelihood, steps)
 
 
 def update_along(
@@ -100,39 +151,43 @@ def update_along(
     return np.asarray(density / np.sqrt(2.0 * math.pi * spread))
 
 
-def moments(rows: FloatArray, centres: FloatArray) -> FloatArray:
-    """Weight, first and second moments of Gaussians (ROWS, ..., n), about centres (2, n) m.
+def change(before: FloatArray, after: FloatArray) -> FloatArray:
+    """The change (ROWS, ...) from one Gaussian to another, as `absorb` takes it."""
+    by = after - before
+    by[COVARIANCE] = -by[COVARIANCE] - outer(by[MEAN])
+    return np.asarray(by)
 
-    Moments of mixtures add up; the centres lie near the Gaussians, so that nothing is lost to
-    cancellation.
+
+def absorb(rows: FloatArray, changes: FloatArray, into: IntArray, shares: FloatArray) -> None:
+    """Gaussians (ROWS, k, n) become what they may have become, matched in moments, in place.
+
+    changes (ROWS, k, p): the Gaussian `into` (p,) moves by nu' and loses (P - P') - nu' nu'^T, with
+    the probability `shares` (k, p); with what is left of 1 it stays. (The update of probabilistic
+    data association: Bar-Shalom, Willett & Tian 2011, section 3.4.2.)
     """
-    sums = rows.copy()
+    sums = summed(shares * changes, into, rows.shape[2])
+    rows[MEAN] += sums[MEAN]
+    rows[COVARIANCE] -= sums[COVARIANCE] + outer(sums[MEAN])
+
+
+def summed(values: FloatArray, into: IntArray, n: int) -> FloatArray:
+    """The sums (..., n) of the values (..., p) that go into each of n."""
+    flat = values.reshape(math.prod(values.shape[:-1]), len(into))
+    bins = into + n * np.arange(len(flat))[:, None]
+    sums = np.bincount(bins.ravel(), flat.ravel(), n * len(flat))
+    return np.asarray(sums.reshape(*values.shape[:-1], n))
+
+
+def mix(rows: FloatArray, shares: FloatArray) -> FloatArray:
+    """Gaussians (ROWS, k, n) as mixtures of them: shares (k, k, n), from the first to the second.
+
+    Interaction of Blom & Bar-Shalom 1988; moments are taken about the last of the k, so that
+    nothing is lost to cancellation.
+    """
+    sums, centres = rows.copy(), rows[: Y + 1, -1:]
     sums[: Y + 1] -= centres
-    mean = sums[MEAN]
-    sums[COVARIANCE] += mean.take(FIRST, axis=0) * mean.take(SECOND, axis=0)
-    sums[WEIGHT] = np.maximum(sums[WEIGHT], _LEAST_WEIGHT)
-    sums[:WEIGHT] *= sums[WEIGHT]
-    return sums
-
-
-def from_moments(sums: FloatArray, centres: FloatArray) -> FloatArray:
-    """The Gaussians (ROWS, ..., n) of these moments: the inverse of `moments`; overwrites them."""
-    sums[:WEIGHT] /= sums[WEIGHT]
-    mean = sums[MEAN]
-    sums[COVARIANCE] -= mean.take(FIRST, axis=0) * mean.take(SECOND, axis=0)
-    sums[: Y + 1] += centres
-    return sums
-
-
-def match_moments(rows: FloatArray, into: IntArray, centres: FloatArray) -> FloatArray:
-    """Merge Gaussians (ROWS, ..., N) into k of the same weight, mean and covariance.
-
-    into (N,): which one each goes to; centres (2, k) m: a point near those that go to each.
-    """
-    k = centres.shape[1]
-    sums = moments(rows, centres.take(into, axis=1)[:, None])
-    flat = sums.reshape(math.prod(sums.shape[:-1]), len(into))
-    bins = into + k * np.arange(len(flat))[:, None]
-    totals = np.bincount(bins.ravel(), flat.ravel(), k * len(flat))
-    merged = np.asarray(totals, dtype=np.float64).reshape(*rows.shape[:-1], k)
-    return from_moments(merged, centres[:, None])
+    sums[COVARIANCE] += outer(sums[MEAN])
+    mixed = np.einsum("rin,ijn->rjn", sums, shares)
+    mixed[COVARIANCE] -= outer(mixed[MEAN])
+    mixed[: Y + 1] += centres
+    return np.asarray(mixed)

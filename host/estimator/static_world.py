@@ -54,7 +54,8 @@ class StaticWorld:
         self.rows[WEIGHT] *= math.exp(-motion.interval / _REMEMBERED_S)
         kept = self.rows[PXX] + self.rows[PYY] < 2.0 * _LOST_M2
         kept &= self.rows[WEIGHT] > 0.5 * _BELIEVED
-        self._keep(kept)
+        if not kept.all():
+            self._keep(kept)
 
     def _keep(self, kept: BoolArray) -> None:
         self.rows, self._alone = self.rows[:, kept], self._alone[kept]
@@ -67,6 +68,8 @@ class StaticWorld:
         (m, 2, 2) m²; detected (k,): P_D of each that is remembered.
         """
         alone = self._alone.nonzero()[0]
+        if not len(alone):
+            return np.zeros((2, len(measured.positions)))
         i, j = gated_pairs(self.rows.take(alone, 1), measured.positions, noise, self._gate)
         if not len(i):
             return np.zeros((2, len(measured.positions)))

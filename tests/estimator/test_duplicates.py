@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from host.config import FilterSettings, PmbSettings
 from host.estimator.duplicates import duplicates
-from host.estimator.moving_gaussians import WEIGHT
 from host.estimator.pmb import LABEL, PmbFilter
 from tests.estimator.standing_robot import seen, standing
 
@@ -55,6 +54,6 @@ def test_two_things_further_apart_than_their_readings_scatter_stay_two(gap_m: fl
     for k in range(1, 30):
         filter_.predict(standing(0.14 * k, 0.14))
         filter_.update(seen(0.14 * k, [[1.0, 0.0], [1.0, gap_m]], sigma=0.003))
-    weights, labels = filter_._rows[WEIGHT].sum(axis=0), filter_._tracks[LABEL]
+    weights, labels = filter_._things.weights.sum(axis=0), filter_._things.tracks[LABEL]
     assert np.count_nonzero(weights > 0.9) == 2
     assert len(set(labels[weights > 0.9].tolist())) == 2

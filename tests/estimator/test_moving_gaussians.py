@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
 from host.estimator.moving_gaussians import (
     COVARIANCE,
@@ -14,10 +15,10 @@ from host.estimator.moving_gaussians import (
     MEAN,
     ROWS,
     SECOND,
-    WEIGHT,
-    from_moments,
-    match_moments,
-    moments,
+    absorb,
+    change,
+    innovations,
+    mix,
     propagate,
     update_along,
 )
@@ -33,7 +34,6 @@ def some(random: np.random.Generator, *shape: int) -> FloatArray:
     matrices = roots @ roots.swapaxes(-1, -2) + 1e-3 * np.eye(4)
     rows[MEAN] = random.normal(0.0, 1.0, (4, *shape))
     rows[COVARIANCE] = np.moveaxis(matrices[..., FIRST, SECOND], -1, 0)
-    rows[WEIGHT] = random.uniform(0.1, 1.0, shape)
     return rows
 
 
@@ -78,28 +78,67 @@ def test_a_scalar_update_is_that_of_kalman(seed: int, lag: float, share: float) 
             assert density[mode, k] == pytest.approx(expected)
 
 
-@given(SEEDS)
-def test_moments_and_back_change_nothing(seed: int) -> None:
+@given(SEEDS, st.floats(0.0, 0.3))
+def test_a_position_changes_gaussians_as_kalman_does(seed: int, lag: float) -> None:
     random = np.random.default_rng(seed)
-    rows, centres = some(random, 2, 3), random.normal(0.0, 1.0, (2, 3))[:, None]
-    assert from_moments(moments(rows, centres), centres) == pytest.approx(rows)
+    before, noise = some(random, 2, 3), some(random, 3)
+    places = before[:2, 0] + random.normal(0.0, 0.2, (2, 3))
+    read = noise[COVARIANCE][:3]
+    found = innovations(before, places[:, None], read[:, None], lag)
+    after = before.copy()
+    absorb(after, found.changes(np.arange(3)), np.arange(3), np.ones((2, 3)))
+    h = np.hstack((np.eye(2), -lag * np.eye(2)))
+    for motion in range(2):
+        for k in range(3):
+            p, r = matrix(before, motion, k), matrix(noise, k)[:2, :2]
+            s = h @ p @ h.T + r
+            off = places[:, k] - h @ before[MEAN, motion, k]
+            gain = p @ h.T @ np.linalg.inv(s)
+            expected = before[MEAN, motion, k] + gain @ off
+            assert after[MEAN, motion, k] == pytest.approx(expected, abs=1e-9)
+            assert matrix(after, motion, k) == pytest.approx(p - gain @ h @ p, abs=1e-9)
+            density = multivariate_normal.pdf(off, np.zeros(2), s)
+            assert found.likelihood[motion, k] == pytest.approx(density, rel=1e-6)
+            assert found.squares[motion, k] == pytest.approx(off @ np.linalg.solve(s, off))
+
+
+def moments(parts: list[tuple[float, FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of a mixture of (share, mean, covariance)."""
+    mean = sum((share * m for share, m, _ in parts), np.zeros(4))
+    spread = [share * (p + np.outer(m - mean, m - mean)) for share, m, p in parts]
+    return mean, sum(spread, np.zeros((4, 4)))
 
 
 @given(SEEDS)
-def test_a_match_has_the_mean_and_covariance_of_the_mixture(seed: int) -> None:
+def test_what_is_absorbed_has_the_moments_of_the_mixture(seed: int) -> None:
     random = np.random.default_rng(seed)
-    rows, into = some(random, 2, 5), np.array([0, 1, 0, 0, 1])
-    merged = match_moments(rows, into, random.normal(0.0, 1.0, (2, 2)))
-    for mode in range(2):
+    rows, after, into = some(random, 2, 2), some(random, 2, 5), np.array([0, 1, 0, 0, 1])
+    shares = random.uniform(0.0, 0.3, (2, 5))
+    absorbed = rows.copy()
+    absorb(absorbed, change(rows.take(into, axis=2), after), into, shares)
+    for motion in range(2):
         for k in range(2):
             members = np.flatnonzero(into == k)
-            shares = rows[WEIGHT, mode, members] / rows[WEIGHT, mode, members].sum()
-            mean = sum(s * rows[MEAN, mode, i] for s, i in zip(shares, members, strict=True))
-            assert merged[WEIGHT, mode, k] == pytest.approx(rows[WEIGHT, mode, members].sum())
-            assert merged[MEAN, mode, k] == pytest.approx(mean)
-            expected = sum(
-                s * (matrix(rows, mode, i) + np.outer(off, off))
-                for s, i in zip(shares, members, strict=True)
-                for off in [rows[MEAN, mode, i] - mean]
-            )
-            assert matrix(merged, mode, k) == pytest.approx(expected)
+            stays = 1.0 - shares[motion, members].sum()
+            parts = [(stays, rows[MEAN, motion, k], matrix(rows, motion, k))]
+            for i in members:
+                parts.append((shares[motion, i], after[MEAN, motion, i], matrix(after, motion, i)))
+            mean, spread = moments(parts)
+            assert absorbed[MEAN, motion, k] == pytest.approx(mean)
+            assert matrix(absorbed, motion, k) == pytest.approx(spread)
+
+
+@given(SEEDS)
+def test_a_mix_has_the_moments_of_the_mixture(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rows, shares = some(random, 3, 2), random.dirichlet(np.ones(3), (3, 2)).transpose(2, 0, 1)
+    mixed = mix(rows, shares)
+    for into in range(3):
+        for k in range(2):
+            parts = [
+                (shares[start, into, k], rows[MEAN, start, k], matrix(rows, start, k))
+                for start in range(3)
+            ]
+            mean, spread = moments(parts)
+            assert mixed[MEAN, into, k] == pytest.approx(mean)
+            assert matrix(mixed, into, k) == pytest.approx(spread)

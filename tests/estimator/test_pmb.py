@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from host.config import Cameras, FilterSettings, Lidar, PmbSettings
 from host.estimator import thing_modes
 from host.estimator.motion_modes import MotionModes, MovingTeammates
-from host.estimator.moving_gaussians import COVARIANCE, ENTRY, WEIGHT
+from host.estimator.moving_gaussians import COVARIANCE, ENTRY
 from host.estimator.pmb import PmbFilter
 from host.geometry import to_frame, to_parent
 from host.messages import Displacement, Positions
@@ -58,7 +58,8 @@ def path(seed, scans=40):
 def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
     """Always seen, alone and a teammate: then all that is left is the IMM over a teammate's modes.
 
-    The oracle is another implementation, one matrix at a time.
+    The oracle is another implementation, one matrix at a time. In it parked and standing have a
+    Gaussian each, in the filter they share one.
     """
     everything = Lidar(
         detection_probability=0.98,
@@ -72,8 +73,8 @@ def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
     rates = thing_modes._RATES[1:, 1:]
     imm = MovingTeammates(
         MotionModes(
-            accelerations=tuple(thing_modes._NOISE[1:]),
-            correlations_s=(0.0, 0.0, *thing_modes._TIMES[3:]),
+            accelerations=(0.0, *thing_modes._NOISE),
+            correlations_s=(0.0, 0.0, *thing_modes._TIMES[1:]),
             rates=tuple(map(tuple, rates)),
             shares=tuple(thing_modes._AT_BIRTH),
             speed_mps=0.2,
@@ -92,8 +93,8 @@ def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
         imm.update(0, reading - then, jacobian, noise)
         positions, covariances = imm.moments()
         ours = run.filter.estimate()
-        assert ours.positions[0] == pytest.approx(positions[0], abs=1e-4)
-        assert ours.covariances[0] == pytest.approx(covariances[0], rel=0.02, abs=1e-6)
+        assert ours.positions[0] == pytest.approx(positions[0], abs=5e-4)
+        assert ours.covariances[0] == pytest.approx(covariances[0], rel=0.1, abs=1e-6)
 
 
 def test_what_was_seen_once_and_never_again_fades():
@@ -102,7 +103,7 @@ def test_what_was_seen_once_and_never_again_fades():
         run.scan([[1.0, 0.3]], clearance=PLAIN_VIEW)
     for _ in range(30):
         run.scan(np.zeros((0, 2)), clearance=PLAIN_VIEW)
-    assert run.filter._rows.shape[2] == 0
+    assert run.filter._things.weights.shape[1] == 0
 
 
 def test_what_drove_and_stands_stays_a_teammate_and_a_post_becomes_none():
@@ -152,7 +153,7 @@ def test_the_same_picture_again_says_nothing_new(repeated):
                 at_once = 0.1 if again == 0 else 0.0
                 wait = 0.1 / times if repeated == "in a row" else at_once
                 run.image([math.atan2(0.3, 1.0)], interval=wait)
-        weights = run.filter._rows[WEIGHT]
+        weights = run.filter._things.weights
         weights = weights[:, weights.sum(axis=0) > 0.5]
         shares.append(weights[thing_modes.OBSTACLE] / weights.sum(axis=0))
     odds = np.log(np.array(shares) / (1.0 - np.array(shares)))
@@ -248,10 +249,10 @@ def test_whatever_comes_probabilities_and_covariances_are_sound(seed, ranges):
         else:
             bearings = random.uniform(-math.pi, math.pi, random.integers(0, 5))
             filter_.update(heard(time, bearings, lag=random.uniform(0.0, 0.3)))
-        weights = filter_._rows[WEIGHT]
+        weights = filter_._things.weights
         assert np.all((weights >= 0.0) & (weights.sum(axis=0) <= 1.0 + 1e-9))
-        matrices = np.moveaxis(filter_._rows[COVARIANCE][ENTRY], (0, 1), (-2, -1))
-        assert np.all(np.isfinite(filter_._rows))
+        matrices = np.moveaxis(filter_._things.rows[COVARIANCE][ENTRY], (0, 1), (-2, -1))
+        assert np.all(np.isfinite(filter_._things.rows))
         assert np.linalg.eigvalsh(matrices).min(initial=0.0) > -1e-9
         estimate = filter_.estimate()
         assert estimate.time == time
@@ -286,5 +287,5 @@ def test_an_obstacle_is_reported_as_such_and_known_again_after_a_tour():
         assert len(errors) == 1
         assert errors[0] < 0.2
         # Nothing is there twice, neither while it is seen nor when it is found again.
-        assert run.filter._rows[WEIGHT].sum() < 1.1
+        assert run.filter._things.weights.sum() < 1.1
     assert estimate.obstacle_covariances[0].trace() < 0.01
