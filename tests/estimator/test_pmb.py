@@ -13,6 +13,7 @@ from host.estimator import thing_modes
 from host.estimator.motion_modes import MotionModes, MovingTeammates
 from host.estimator.moving_gaussians import COVARIANCE, ENTRY
 from host.estimator.pmb import PmbFilter
+from host.estimator.thing_modes import PARKED
 from host.geometry import to_frame, to_parent
 from host.messages import Displacement, Positions
 from tests.estimator.standing_robot import PLAIN_VIEW, heard, seen, standing
@@ -58,9 +59,18 @@ def path(seed, scans=40):
 def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
     """Always seen, alone and a teammate: then all that is left is the IMM over a teammate's modes.
 
-    The oracle is another implementation, one matrix at a time. In it parked and standing have a
-    Gaussian each, in the filter they share one.
+    The oracle is another implementation, one matrix at a time. It has a Gaussian a mode; in the
+    filter parked robots share that of standing ones, so there are none.
     """
+    rates, shares = thing_modes._RATES.copy(), thing_modes._AT_BIRTH.copy()
+    rates[:, PARKED] = rates[PARKED] = shares[0] = 0.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(thing_modes, "_RATES", rates)
+        patch.setattr(thing_modes, "_AT_BIRTH", shares / shares.sum())
+        follow_as_an_imm(seed)
+
+
+def follow_as_an_imm(seed):
     everything = Lidar(
         detection_probability=0.98,
         half_range_m=999.0,
@@ -70,13 +80,13 @@ def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
     )
     run = Run(PmbSettings(obstacle_share=0.0, appear_per_m2_s=1e-3), everything)
     random = np.random.default_rng(seed)
-    rates = thing_modes._RATES[1:, 1:]
+    rates = thing_modes._RATES[PARKED + 1 :, PARKED + 1 :]
     imm = MovingTeammates(
         MotionModes(
-            accelerations=(0.0, *thing_modes._NOISE),
-            correlations_s=(0.0, 0.0, *thing_modes._TIMES[1:]),
+            accelerations=thing_modes._NOISE,
+            correlations_s=(0.0, *thing_modes._TIMES[1:]),
             rates=tuple(map(tuple, rates)),
-            shares=tuple(thing_modes._AT_BIRTH),
+            shares=tuple(thing_modes._AT_BIRTH[1:]),
             speed_mps=0.2,
             drift=0.0,
         )
@@ -93,8 +103,8 @@ def test_one_target_is_followed_as_an_interacting_multiple_model_does(seed):
         imm.update(0, reading - then, jacobian, noise)
         positions, covariances = imm.moments()
         ours = run.filter.estimate()
-        assert ours.positions[0] == pytest.approx(positions[0], abs=5e-4)
-        assert ours.covariances[0] == pytest.approx(covariances[0], rel=0.1, abs=1e-6)
+        assert ours.positions[0] == pytest.approx(positions[0], abs=1e-4)
+        assert ours.covariances[0] == pytest.approx(covariances[0], rel=0.02, abs=1e-6)
 
 
 def test_what_was_seen_once_and_never_again_fades():
