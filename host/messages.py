@@ -157,5 +157,45 @@ class Health:
     counts: dict[str, int]
 
 
+@dataclass(frozen=True, slots=True)
+class DeviceBytes:
+    """What a device sent, as it was read at `time`; empty where a connection to it begins.
+
+    It comes before the messages that are made of it. device: "lidar" or "board".
+    """
+
+    time: float
+    device: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceIdentity:
+    """Which device is connected. values: what it says of itself, by name, as "firmware"."""
+
+    time: float
+    device: str
+    values: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A camera's picture, exposed at `time`. camera: "front" or "rear"; jpeg: as it came."""
+
+    time: float
+    camera: str
+    jpeg: bytes
+
+
 Measurement = Scan | Positions | Bearings
-Message = Measurement | Displacement | Estimate | Truth | Bodies | Health
+Message = (
+    Measurement
+    | Displacement
+    | Estimate
+    | Truth
+    | Bodies
+    | Health
+    | DeviceBytes
+    | DeviceIdentity
+    | Picture
+)

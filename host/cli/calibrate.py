@@ -34,11 +34,11 @@ def calibrate() -> None:
 
     \b
     An afternoon with a robot (docs/calibration.md), here with a simulated one:
-      swarmloc simulate misbuilt4 --output drive.swarmloc
-      swarmloc calibrate wheels drive.swarmloc --robot robot.toml
-      swarmloc calibrate lidar drive.swarmloc --robot robot.toml
-      swarmloc calibrate camera drive.swarmloc --robot robot.toml
-      swarmloc calibrate detection drive.swarmloc --robot robot.toml
+      swarmloc simulate misbuilt4 --output drive.mcap
+      swarmloc calibrate wheels drive.mcap --robot robot.toml
+      swarmloc calibrate lidar drive.mcap --robot robot.toml
+      swarmloc calibrate camera drive.mcap --robot robot.toml
+      swarmloc calibrate detection drive.mcap --robot robot.toml
     """
 
 
@@ -48,9 +48,9 @@ calibrate.add_command(colour)
 @calibrate.command(
     epilog="""\b
 Examples:
-  swarmloc calibrate wheels --robot robot.toml --record drive.swarmloc
-  swarmloc calibrate wheels drive.swarmloc --robot robot.toml
-  swarmloc calibrate wheels drive.swarmloc --truth take.csv:Robot1 --robot robot.toml
+  swarmloc calibrate wheels --robot robot.toml --record drive.mcap
+  swarmloc calibrate wheels drive.mcap --robot robot.toml
+  swarmloc calibrate wheels drive.mcap --truth take.csv:Robot1 --robot robot.toml
   swarmloc calibrate wheels optiodom:runs/free --test optiodom:runs/square""",
 )
 @click.argument("sources", nargs=-1, metavar="[SOURCE]...")
@@ -125,8 +125,8 @@ def _drives(
 @calibrate.command(
     epilog="""\b
 Examples:
-  swarmloc calibrate lidar --robot robot.toml --record drive.swarmloc
-  swarmloc calibrate lidar drive.swarmloc --robot robot.toml""",
+  swarmloc calibrate lidar --robot robot.toml --record drive.mcap
+  swarmloc calibrate lidar drive.mcap --robot robot.toml""",
 )
 @click.argument("source", required=False)
 @fit_options("lidar")
@@ -146,9 +146,9 @@ def lidar(source: str | None, **common: Any) -> None:
 @calibrate.command(
     epilog="""\b
 Examples:
-  swarmloc calibrate camera --robot robot.toml --record drive.swarmloc
-  swarmloc calibrate camera drive.swarmloc --robot robot.toml
-  swarmloc calibrate camera drive.swarmloc --boards front=pictures/ --board 9x6:0.025""",
+  swarmloc calibrate camera --robot robot.toml --record drive.mcap
+  swarmloc calibrate camera drive.mcap --robot robot.toml
+  swarmloc calibrate camera drive.mcap --boards front=pictures/ --board 9x6:0.025""",
 )
 @click.argument("source", required=False)
 @boards_option
@@ -173,8 +173,8 @@ def camera(
 @calibrate.command(
     epilog="""\b
 Examples:
-  swarmloc calibrate detection --robot robot.toml --record drive.swarmloc
-  swarmloc calibrate detection drive.swarmloc --robot robot.toml""",
+  swarmloc calibrate detection --robot robot.toml --record drive.mcap
+  swarmloc calibrate detection drive.mcap --robot robot.toml""",
 )
 @click.argument("source", required=False)
 @fit_options("detection")

@@ -36,8 +36,8 @@ to have them, too: pip install 'swarmloc[figures]'"""
     epilog="""\b
 Examples:
   swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters pmb,clairvoyant
-  swarmloc evaluate today.swarmloc --json figures.json
-  swarmloc evaluate today.swarmloc --truth take.csv:Robot1
+  swarmloc evaluate today.mcap --json figures.json
+  swarmloc evaluate today.mcap --truth take.csv:Robot1
   swarmloc evaluate swarm20:seconds=300 --figures results
   swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
 )

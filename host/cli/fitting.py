@@ -53,7 +53,7 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             "--record",
             type=click.Path(path_type=Path, dir_okay=False),
             metavar="FILE",
-            help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.swarmloc]",
+            help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.mcap]",
         ),
         click.option(
             "--report",

@@ -45,7 +45,7 @@ def _intervals(
 Examples:
   swarmloc run --simulate arena4
   swarmloc run --simulate arena4 --seconds 10 --unplug lidar=2-5
-  swarmloc run --robot robot.toml --record today.swarmloc""",
+  swarmloc run --robot robot.toml --record today.mcap""",
 )
 @options.robot_option
 @click.option(
@@ -70,7 +70,7 @@ Examples:
     "--record",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Record what was measured and estimated (FILE ends in .swarmloc).",
+    help="Record what was measured and estimated (FILE ends in .mcap).",
 )
 @click.option(
     "--sensors",

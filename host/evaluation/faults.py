@@ -1,6 +1,6 @@
 """Sensors that fail, put into what was recorded or simulated: settings of any source.
 
-    arena4:seconds=60,camera_false=5,lidar_garbage=0.2     today.swarmloc:camera_dead=20-40
+    arena4:seconds=60,camera_false=5,lidar_garbage=0.2     today.mcap:camera_dead=20-40
 
 They follow Belaroussi 2024, section 6.2.8 (a camera that reports many robots that are not there,
 a lidar that finds robots where there are none); a camera that is dead for a while comes on top.

@@ -1,113 +1,136 @@
-"""A run on disk: one JSON object a line, in the order in which the localizer consumed it.
+"""Recordings: what a run measured and estimated, in the order in which the localizer consumed it.
 
-The first line is the header; every other is one message. A line is written at once and carries
-the CRC-32 of its content, so that a run that was killed loses its last line at most and damage is
-found. Arrays are base64 of little-endian values: what is read is bit for bit what was written.
+An MCAP file (https://mcap.dev) of profile ros2 holds each message twice: in our records, bit for
+bit, which replay reads; and as topics that other tools draw. docs/recordings.md describes both.
 """
 
-import base64
-import binascii
+import dataclasses
 import json
-import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from pydantic import ValidationError
 
 from host.config import RobotConfig
 from host.config_errors import NOT_REGISTERED, explain_settings
 from host.errors import UserError
 from host.messages import (
-    Bearings,
-    Bodies,
+    DeviceBytes,
+    DeviceIdentity,
     Displacement,
-    Estimate,
     Health,
     Message,
     Positions,
     Scan,
-    Truth,
 )
+from host.recording import content, json_lines
+from host.recording.appended import AppendedMcap
+from host.recording.checked import CheckedMcap, is_mcap
+from host.recording.records import TOPIC, TYPE, Packer
+from host.recording.ros.cdr import nanoseconds
+from host.recording.ros.topics import Topics
 
-FORMAT_VERSION = 1
-SUFFIX = ".swarmloc"
-_KINDS: dict[str, type[Message]] = {
-    kind.__name__.lower(): kind
-    for kind in (Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health)
-}
-_ON_DISK = {"camera": "eye"}  # fields by another name in the file, as its first version has them
-_FROM_DISK = {there: here for here, there in _ON_DISK.items()}
-_BEFORE_CRC, _AFTER_CRC = b'{"crc":"', b'",'
-_CRC_END = len(_BEFORE_CRC) + 8
+FORMAT_VERSION = 2
+SUFFIX = ".mcap"
+SUFFIXES = (SUFFIX, json_lines.SUFFIX)  # of what `Recording` reads
+LIDAR, BOARD = "lidar", "board"
+HEADER, END = b"\xff", b"\xfe"  # before the content of the first and of the last record
+_MOST_BYTES = 4096  # of a device that are kept back for its next message
+_VERSIONS = ("swarmloc", "numpy", "scipy", "opencv-python-headless")
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingHeader:
-    """What a run was: the configuration in effect, the sensors in use, the scenario if any."""
+    """What a run was: the configuration in effect, the sensors in use, the scenario if any.
+
+    unix_s: what to add to the messages' times for the seconds since 1970.
+    """
 
     config: RobotConfig
     sensors: str
     scenario: str | None = None
+    unix_s: float = 0.0
 
 
 class Recorder:
-    """Writes a recording. Raises UserError where the file exists already or cannot be written."""
+    """Writes a recording, each message at once; a device's bytes with the message made of them.
+
+    Raises UserError where the file exists already or cannot be written.
+    """
 
     def __init__(self, path: str | Path, header: RecordingHeader) -> None:
-        self._path = Path(path)
-        try:
-            self._file = self._path.open("xb", buffering=0)
-        except FileExistsError as error:
-            raise UserError(
-                f"the recording {path} exists already",
-                "recordings are never overwritten",
-                "choose another name, or remove the file first",
-            ) from error
-        except OSError as error:
-            raise self._unwritable(error) from error
-        self._write(
-            {
-                "kind": "header",
-                "version": FORMAT_VERSION,
-                "robot": header.config.name,
-                "sensors": header.sensors,
-                "scenario": header.scenario,
-                "config": header.config.model_dump(mode="json"),
-            }
-        )
+        self._file = AppendedMcap(Path(path))
+        self._packer = Packer()
+        self._topics = Topics(header.config, header.unix_s)
+        self._unix_s = header.unix_s
+        self._time_ns = 0  # of the newest message
+        self._bytes: dict[str, bytes] = {}  # by device, not yet written
+        self._closed = False
+        self._begin(header)
+
+    def _begin(self, header: RecordingHeader) -> None:
+        config = header.config.model_dump(mode="json")
+        versions = {name: _version(name) for name in _VERSIONS}
+        about = {
+            "version": FORMAT_VERSION,
+            "robot": header.config.name,
+            "sensors": header.sensors,
+            "scenario": header.scenario,
+            "unix_s": header.unix_s,
+            "software": versions,
+        }
+        rest = {"config": config, "layout": content.LAYOUT}
+        self._write(HEADER + json.dumps({**about, **rest}).encode())
+        words = {name: str(value) for name, value in about.items() if name != "software"}
+        self._file.add_metadata("swarmloc", {**words, **versions})
+        text = json.dumps(config, indent=1).encode()
+        self._file.add_attachment("robot.json", "application/json", text, self._time_ns)
 
     def write(self, message: Message) -> None:
         """Append one message. Raises UserError where that fails, for example on a full disk."""
-        kind = type(message)
-        values = {
-            _ON_DISK.get(field.name, field.name): getattr(message, field.name)
-            for field in fields(kind)
-        }
-        self._write({"kind": kind.__name__.lower(), **values})
+        self._time_ns = max(self._time_ns, nanoseconds(message.time + self._unix_s))
+        data = content.encode(message)
+        if isinstance(message, DeviceBytes):
+            self._keep_back(message.device, data)
+            return
+        self._write(self._bytes.pop(_device(message), b"") + data)
+        if isinstance(message, DeviceIdentity):
+            self._file.add_metadata(f"device {message.device}", message.values)
+        if isinstance(message, Scan) and not self._file.next_number("/tf_static"):
+            self._publish(self._topics.mounting(message.time))
+        for published in self._topics.of(message):
+            self._publish(published)
 
-    def _write(self, content: dict[str, Any]) -> None:
-        body = json.dumps(content, separators=(",", ":"), default=_encode).encode()
-        line = b"%b%08x%b%b\n" % (_BEFORE_CRC, zlib.crc32(body), _AFTER_CRC, body[1:])
-        try:
-            while line:
-                line = line[self._file.write(line) :]
-        except OSError as error:
-            raise self._unwritable(error) from error
+    def _keep_back(self, device: str, data: bytes) -> None:
+        kept = self._bytes[device] = self._bytes.get(device, b"") + data
+        if len(kept) > _MOST_BYTES:
+            self._write(self._bytes.pop(device))
 
-    def _unwritable(self, error: OSError) -> UserError:
-        return UserError(
-            f"cannot write the recording {self._path}",
-            error.strerror or str(error),
-            "check the folder and the free space on its disk",
-        )
+    def _publish(self, published: tuple[str, str, bytes]) -> None:
+        self._file.add_message(*published, self._time_ns)
+
+    def _write(self, data: bytes) -> None:
+        number = self._file.next_number(TOPIC)
+        packed = self._packer.pack(data, number, self._time_ns, self._file.take_others())
+        self._file.add_message(TOPIC, TYPE, packed, self._time_ns, ours=True)
 
     def close(self) -> None:
-        """End the recording; a second call does nothing."""
-        self._file.close()
+        """End the recording; nothing where it has ended, or a failure was raised before."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if not self._file.failed:
+                for kept in self._bytes.values():
+                    self._write(kept)
+                self._write(END)
+                self._file.finish()
+        finally:
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -121,123 +144,91 @@ class Recorder:
         self.close()
 
 
-class Recording:
-    """A recording on disk. torn: its last line is incomplete (known once `messages` has ended).
+def _device(message: Message) -> str:
+    """The device that a message is made of the bytes of."""
+    if isinstance(message, Health | DeviceIdentity):
+        return message.device
+    if isinstance(message, Scan | Positions):
+        return LIDAR
+    return BOARD if isinstance(message, Displacement) else ""
 
-    Raises UserError with the line number for whatever else is wrong with it.
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:  # as of Debian's OpenCV
+        return "unknown"
+
+
+class Recording:
+    """A recording on disk, or one of the JSON lines that swarmloc wrote before.
+
+    remarks: in words, what is not as it should be but costs nothing of what was written: known once
+    `messages` has ended. Raises UserError for a file that is none or cannot be read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.torn = False
-        for number, line in self._lines():
-            self.header = self._read_header(number, line)
+        self.remarks: list[str] = []
+        self._old = None if is_mcap(self.path) else json_lines.JsonLines(self.path)
+        if self._old is not None:
+            self.header = _header(self.path, self._old.header, json_lines.FORMAT_VERSION)
             return
-        raise UserError(
-            f"{path} holds no recording", "its first line is missing", "the run ended at its start"
-        )
+        about, self._layout = self._about()
+        self.header = _header(self.path, about, FORMAT_VERSION)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages in the order they were written."""
-        for number, line in self._lines():
-            if number > 1:
-                yield self._read_message(number, line)
+        """Yield the messages in the order they were written.
 
-    def _lines(self) -> Iterator[tuple[int, bytes]]:
-        """The complete lines with their numbers, from 1."""
-        try:
-            with self.path.open("rb") as file:
-                for number, line in enumerate(file, 1):
-                    if not line.endswith(b"\n"):
-                        self.torn = True
-                        return
-                    yield number, line
-        except OSError as error:
-            raise UserError(
-                f"cannot read the recording {self.path}",
-                error.strerror or str(error),
-                f"give the path of a {SUFFIX} file",
-            ) from error
+        Raises UserError where the file is damaged, after the messages before the damage.
+        """
+        if self._old is not None:
+            yield from self._old.messages()
+            self.remarks = ["its last line is torn: the run was cut short"] * self._old.torn
+            return
+        file = CheckedMcap(self.path)
+        for _, data in file.records():
+            if not data.startswith((HEADER, END)):
+                with file.checking():
+                    made = content.decode(data, self._layout)
+                yield from made
+        self.remarks = file.remarks
 
-    def _content(self, number: int, line: bytes) -> dict[str, Any]:
-        """The object of one line, its CRC proved."""
-        body = b"{" + line[_CRC_END + len(_AFTER_CRC) : -1]
-        expected = b"%b%08x%b" % (_BEFORE_CRC, zlib.crc32(body), _AFTER_CRC)
-        if not line.startswith(expected):
-            raise self._damaged(number, "its content does not fit its checksum")
-        content = json.loads(body)
-        if not isinstance(content, dict):
-            raise self._damaged(number, "it holds no object")
-        return content
-
-    def _read_header(self, number: int, line: bytes) -> RecordingHeader:
-        if not line.startswith(_BEFORE_CRC):
-            raise UserError(
-                f"{self.path} is not a swarmloc recording",
-                "its first line is not a header",
-                f"give a {SUFFIX} file, as `swarmloc run --record` and `swarmloc simulate` write",
-            )
-        content = self._content(number, line)
-        if content.get("version") != FORMAT_VERSION:
-            raise UserError(
-                f"{self.path} is of recording version {content.get('version')}",
-                f"this swarmloc reads version {FORMAT_VERSION}",
-                "use the swarmloc that wrote it",
-            )
-        try:
-            config = RobotConfig.model_validate(content["config"])
-            return RecordingHeader(config, content["sensors"], content["scenario"])
-        except KeyError as error:
-            raise self._damaged(number, f"its header has no {error}") from error
-        except ValidationError as error:
-            unknown = any(each["type"] == NOT_REGISTERED for each in error.errors())
-            raise UserError(
-                f"{self.path}: the configuration cannot be read",
-                "\n".join(explain_settings(error, RobotConfig)[:5]),
-                "load the plugin it was made with: swarmloc --plugin FILE.py ..."
-                if unknown
-                else "use the swarmloc that wrote it",
-            ) from error
-
-    def _read_message(self, number: int, line: bytes) -> Message:
-        content = self._content(number, line)
-        name = content.pop("kind", None)
-        kind = _KINDS.get(str(name))
-        if kind is None:
-            raise self._damaged(number, f"there is no message of kind {name!r}")
-        try:
-            return kind(
-                **{_FROM_DISK.get(field, field): _decode(value) for field, value in content.items()}
-            )
-        except (TypeError, ValueError, KeyError, IndexError, binascii.Error) as error:
-            raise self._damaged(number, f"no {name}: {error}") from error
-
-    def _damaged(self, number: int, why: str) -> UserError:
-        return UserError(
-            f"{self.path}, line {number}: the recording is damaged",
-            why,
-            f"`head -n {number - 1}` saves what stands before it"
-            if number > 2
-            else "nothing stands before it that could be saved: use a copy",
+    def _about(self) -> tuple[dict[str, Any], content.Layout]:
+        for _, data in CheckedMcap(self.path).records():
+            if data.startswith(HEADER):
+                about = json.loads(data[1:])
+                return about, about["layout"]
+            break
+        raise UserError(
+            f"{self.path} holds no recording of swarmloc",
+            "its first record is missing",
+            "the run ended at its start; or it is from elsewhere: swarmloc export reads ROS bags",
         )
 
 
-def _encode(value: Any) -> Any:
-    """An array as [type, shape, base64]; a numpy number as Python's."""
-    if isinstance(value, np.generic):
-        return value.item()
-    array = np.asarray(value)
-    name = "i8" if array.dtype.kind in "iu" else "f8"
-    data = array.astype(f"<{name}").tobytes()
-    return [name, list(array.shape), base64.b64encode(data).decode()]
-
-
-def _decode(value: Any) -> Any:
-    """A list that begins with a name is an array, any other a tuple."""
-    if not isinstance(value, list):
-        return value
-    if not isinstance(value[0], str):
-        return tuple(value)
-    name, shape, data = value
-    flat = np.frombuffer(base64.b64decode(data, validate=True), dtype=f"<{name}")
-    return flat.reshape(shape).astype({"f8": np.float64, "i8": np.int64}[name])
+def _header(path: Path, about: dict[str, Any], version: int) -> RecordingHeader:
+    """The header, its configuration checked."""
+    if about.get("version") != version:
+        raise UserError(
+            f"{path} is of recording version {about.get('version')}",
+            f"this swarmloc reads versions {json_lines.FORMAT_VERSION} and {FORMAT_VERSION}",
+            "use the swarmloc that wrote it",
+        )
+    try:
+        config = RobotConfig.model_validate(about["config"])
+        names = [field.name for field in dataclasses.fields(RecordingHeader)][1:]
+        return RecordingHeader(config, **{name: about[name] for name in names if name in about})
+    except ValidationError as error:
+        unknown = any(each["type"] == NOT_REGISTERED for each in error.errors())
+        raise UserError(
+            f"{path}: the configuration cannot be read",
+            "\n".join(explain_settings(error, RobotConfig)[:5]),
+            "load the plugin it was made with: swarmloc --plugin FILE.py ..."
+            if unknown
+            else "use the swarmloc that wrote it",
+        ) from error
+    except (KeyError, TypeError) as error:
+        raise UserError(
+            f"{path}: its header is incomplete", f"no {error}", "use a copy of the recording"
+        ) from error

@@ -54,8 +54,8 @@ def gather_source(
             gathered.truth_time_sigma = clock.sigma
         for message in messages:
             gathered.take(message)
-        if found.torn:
-            warn(f"{source}: its last line is torn, the run was cut short")
+        for remark in found.remarks:
+            warn(f"{source}: {remark}")
         return gathered
     if truth is not None:
         raise truth_of_scenario(source)

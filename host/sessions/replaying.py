@@ -119,8 +119,8 @@ def replay_recording(
             f"{comparison.equal} bit-identical, {comparison.different} different from the recorded"
         )
     figures["recorded_estimates"] = verdict
-    if recording.torn:
-        figures["recording"] = "its last line is torn: the run was cut short"
+    if recording.remarks:
+        figures["recording"] = "; ".join(recording.remarks)
     return Replayed(figures, comparison if same and comparison.any_recorded else None)
 
 

@@ -16,6 +16,7 @@ from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
 from host.messages import Bearings, Measurement, Message, Positions
 from host.pipeline import Driver, Now, Pipeline, Sink
+from host.recording.background import BackgroundRecorder
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
@@ -89,8 +90,10 @@ def run_devices(
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}
         if record is not None:
-            header = RecordingHeader(rig.config, rig.sensors, rig.scenario)
-            all_sinks["recording"] = stack.enter_context(Recorder(record, header)).write
+            unix_s = time.time() - time.monotonic()
+            header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
+            recorder = stack.enter_context(BackgroundRecorder(Recorder(record, header)))
+            all_sinks["recording"] = recorder.write
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
         stack.enter_context(_quick_switches())
         begin, begin_cpu = time.monotonic(), time.process_time()

@@ -28,7 +28,7 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.recording.log import SUFFIX, Recording
+from host.recording.log import SUFFIXES, Recording
 from host.sessions.swarming import Swarm
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import OBSERVER, Simulation
@@ -92,7 +92,7 @@ class Run:
 def find_source(source: str) -> Recording | Scenario:
     """The recording or the scenario that a source names. Raises UserError where it is neither."""
     path = Path(source)
-    if source.endswith(SUFFIX) or path.is_file():
+    if path.suffix in SUFFIXES or path.is_file():
         return Recording(path)
     return scenarios.parse_scenario(source)
 

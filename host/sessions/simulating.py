@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from host.config import RobotConfig
+from host.messages import DeviceBytes
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.runs import Progress, simulated, unseen
 from host.simulation.world import scenarios
@@ -28,7 +29,7 @@ def simulate_to_recording(
     with Recorder(output, header) as recorder:
         for message in messages:
             recorder.write(message)
-            counts[type(message).__name__.lower()] += 1
+            counts[type(message).__name__.lower()] += not isinstance(message, DeviceBytes)
             progress(message.time, parsed.seconds)
     wall = time.monotonic() - begin
     return {
@@ -36,5 +37,5 @@ def simulate_to_recording(
         "seconds": parsed.seconds,
         "times_real_time": round(parsed.seconds / wall, 1),
         "megabytes": round(output.stat().st_size / 1e6, 1),
-        **{f"{kind}_messages": count for kind, count in counts.items()},
+        **{f"{kind}_messages": count for kind, count in counts.items() if count},
     }

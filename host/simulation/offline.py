@@ -15,8 +15,9 @@ from host.drivers.natnet import protocol as natnet_protocol
 from host.drivers.natnet.frames import MocapFrame, Version
 from host.drivers.natnet.protocol import bodies_of, frame_of, frame_packet
 from host.drivers.romeo.differential_drive import ticks_for
+from host.drivers.x4.protocol import delayed
 from host.geometry import to_frame
-from host.messages import Bearings, Bodies, Message, Truth
+from host.messages import Bearings, Bodies, DeviceBytes, Message, Truth
 from host.simulation.devices.board import BoardKind, motion_of
 from host.simulation.devices.catalogue import board_entry, lidar_entry
 from host.simulation.devices.driven_wheels import DrivenWheels
@@ -134,9 +135,12 @@ class Simulation:
     def messages(self) -> Iterator[Message]:
         """Yield Scan, Displacement, Bearings, Bodies, Truth (10 Hz) in order of arrival, once.
 
+        DeviceBytes come before what is made of them.
         The devices' bytes go through the decoders and the conversion that serve the real ones.
         """
         self.switch_on()
+        for device in ("lidar", "board"):
+            yield DeviceBytes(0.0, device, b"")
         for tick in range(math.ceil(self.scenario.seconds / _TICK_S) + 1):
             now = min(tick * _TICK_S, self.scenario.seconds)
             yield from self.sense(now, self.talk(now, _TALKS))
@@ -168,12 +172,16 @@ class Simulation:
     def _scans(self, now: float) -> Iterator[Arrival]:
         delay = self.config.lidar.delay_s
         for time, data in self.lidar.transmit(now):
+            if data:
+                yield time, DeviceBytes(time, "lidar", data)
             for scan in self._decoder.feed(data, time):
-                yield time, replace(scan, time=scan.time - delay, times=scan.times - delay)
+                yield time, delayed(scan, delay)
 
     def _displacements(self, now: float, talks: int) -> Iterator[Arrival]:
         for talk in np.linspace(self._talked, now, talks + 1)[1:]:
             for time, data in self.board.transmit(talk):
+                if data:
+                    yield time, DeviceBytes(time, "board", data)
                 for displacement in self._session.receive(data, time):
                     yield time, displacement
             self.board.receive(self._session.transmit(talk, self._wanted), talk)

@@ -19,7 +19,7 @@ from host.config import parse_config
 from host.errors import UserError
 
 CHEROKEY = (Path(__file__).parents[2] / "robots" / "cherokey.toml").read_text(encoding="utf-8")
-NOTE = "lidar calibrated 2026-11-22 from run.swarmloc: rms 2.1 mm over 812 pairs"
+NOTE = "lidar calibrated 2026-11-22 from run.mcap: rms 2.1 mm over 812 pairs"
 FITTED = {
     "lidar.heading_rad": 0.0523598,
     "lidar.x_m": 0.01012345678,
@@ -72,7 +72,7 @@ def test_only_the_lines_of_the_settings_change_and_a_note_comes_to_each_table() 
 
 
 def test_a_note_takes_the_place_of_the_earlier_one_of_its_kind_and_of_no_other() -> None:
-    other = "detection calibrated 2026-11-21 from other.swarmloc: 4 sectors"
+    other = "detection calibrated 2026-11-21 from other.mcap: 4 sectors"
     first = updated(updated(CHEROKEY, FITTED, NOTE), {"lidar.half_range_m": 2.9}, other)
     later = NOTE.replace("22", "23").replace("812", "90")
     second = updated(first, FITTED, later)
@@ -263,7 +263,7 @@ def test_a_file_that_is_read_only_stays_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_note_is_one_line_whatever_is_in_it() -> None:
-    note = "calibrated 2026-11-22 from a\nb\x00\udc80.swarmloc # rms"
+    note = "calibrated 2026-11-22 from a\nb\x00\udc80.mcap # rms"
     new = updated(CHEROKEY, {"lidar.x_m": 0.1}, note)
-    assert changes(CHEROKEY, new)[1][0] == "# calibrated 2026-11-22 from a b  .swarmloc # rms"
+    assert changes(CHEROKEY, new)[1][0] == "# calibrated 2026-11-22 from a b  .mcap # rms"
     new.encode("utf-8")

@@ -30,7 +30,7 @@ def run(*arguments: str | Path) -> Result:
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive of a robot that is not as its configuration says."""
-    path = tmp_path_factory.mktemp("drive") / "drive.swarmloc"
+    path = tmp_path_factory.mktemp("drive") / "drive.mcap"
     result = run("simulate", DRIVE, "--output", path)
     assert result.exit_code == 0, result.output
     return path
@@ -118,7 +118,7 @@ def test_without_a_configuration_nothing_is_written(tmp_path: Path) -> None:
 
 
 def test_what_a_drive_lacks_is_told_while_it_drives(tmp_path: Path) -> None:
-    recording = tmp_path / "live.swarmloc"
+    recording = tmp_path / "live.mcap"
     result = calibrate(
         "wheels",
         "--simulate",
@@ -140,7 +140,7 @@ def test_a_robot_without_motion_capture_is_told_so(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "no motion capture" in result.output
     assert "[mocap]" in result.output
-    plain = tmp_path / "plain.swarmloc"
+    plain = tmp_path / "plain.mcap"
     assert run("simulate", "arena4:seconds=2", "--output", plain).exit_code == 0
     result = calibrate("lidar", plain, folder=tmp_path)
     assert result.exit_code == 1
@@ -175,7 +175,7 @@ def test_what_stands_on_the_wheels_says_so_before_they_are_fitted(
 
 
 def test_cameras_can_do_with_the_lidar_instead_of_motion_capture(tmp_path: Path) -> None:
-    drive = tmp_path / "drive.swarmloc"
+    drive = tmp_path / "drive.mcap"
     result = calibrate("camera", "--seconds", "2", "--record", drive, folder=tmp_path)
     assert result.exit_code == 1
     assert "waiting for motion capture" not in result.output
@@ -184,7 +184,7 @@ def test_cameras_can_do_with_the_lidar_instead_of_motion_capture(tmp_path: Path)
 
 
 def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
-    for option in (("--seconds", "5"), ("--simulate", "arena4"), ("--record", "x.swarmloc")):
+    for option in (("--seconds", "5"), ("--simulate", "arena4"), ("--record", "x.mcap")):
         result = calibrate("lidar", "arena4:seconds=2", *option, folder=tmp_path)
         assert result.exit_code == 2
         assert "for a drive, not SOURCE" in result.output
@@ -193,7 +193,7 @@ def test_options_of_a_drive_are_refused_with_a_source(tmp_path: Path) -> None:
 
 
 def test_boards_without_pictures_are_told_so(tmp_path: Path) -> None:
-    plain = tmp_path / "plain.swarmloc"
+    plain = tmp_path / "plain.mcap"
     assert run("simulate", "arena4:seconds=1", "--output", plain).exit_code == 0
     for folder, why in ((tmp_path / "nowhere", "no such folder"), (tmp_path, "*.jpg, *.jpeg")):
         result = calibrate("camera", plain, "--boards", f"rear={folder}", folder=tmp_path)

@@ -14,7 +14,16 @@ from click.testing import CliRunner
 
 from host.cli.main import main
 from host.cli.signals import signals_caught, signals_interrupt
-from host.messages import Bearings, Displacement, Estimate, Health, Scan, Truth
+from host.messages import (
+    Bearings,
+    DeviceBytes,
+    DeviceIdentity,
+    Displacement,
+    Estimate,
+    Health,
+    Scan,
+    Truth,
+)
 from host.recording.log import Recording
 
 COMMAND = [sys.executable, "-c", "from host.cli.main import main; main()"]
@@ -24,7 +33,7 @@ LONG_S = 40.0  # a bound on waiting, not on speed
 def test_without_a_lidar_the_reason_is_on_the_screen_until_it_comes_and_ctrl_c_ends_it(
     on_screen, tmp_path
 ):
-    path = tmp_path / "run.swarmloc"
+    path = tmp_path / "run.mcap"
     arguments = ("--simulate", "arena4", "--unplug", "lidar=0-1", "--record", str(path))
     screen = on_screen("run", *arguments)
     screen.wait_for(lambda text: "lidar" in text and "no such device is plugged in" in text)
@@ -40,8 +49,11 @@ def test_without_a_lidar_the_reason_is_on_the_screen_until_it_comes_and_ctrl_c_e
 
     recording = Recording(path)
     kinds = {type(message) for message in recording.messages()}
-    assert kinds == {Scan, Displacement, Bearings, Estimate, Truth, Health}
-    assert not recording.torn
+    assert kinds == {
+        *(Scan, Displacement, Bearings, Estimate, Truth, Health),
+        *(DeviceBytes, DeviceIdentity),
+    }
+    assert not recording.remarks
     replayed = CliRunner().invoke(main, ["replay", str(path)])
     assert replayed.exit_code == 0, replayed.output
     assert re.search(r"[1-9]\d* bit-identical, 0 different", replayed.output)
@@ -95,13 +107,13 @@ def test_a_lidar_pulled_out_comes_back(tmp_path):
 
 
 def test_killed_it_leaves_a_recording_that_replays(tmp_path):
-    path = tmp_path / "run.swarmloc"
+    path = tmp_path / "run.mcap"
     process = subprocess.Popen(
         [*COMMAND, "run", "--simulate", "arena4", "--sensors", "lidar", "--record", str(path)],
         stdout=subprocess.DEVNULL,
     )
     end = time.monotonic() + LONG_S
-    while not (path.exists() and b'"kind":"estimate"' in path.read_bytes()):
+    while not (path.exists() and b"/teammates/markers" in path.read_bytes()):
         assert time.monotonic() < end
         time.sleep(0.05)
     process.kill()
@@ -150,7 +162,7 @@ def test_before_and_after_a_run_each_signal_is_as_ctrl_c(handlers):
 def test_a_signal_ends_it_at_any_moment(after_s, tmp_path):
     arguments = ["--simulate", "arena4:rendered=1,mocap_hz=100", "--view", "127.0.0.1:0"]
     with subprocess.Popen(
-        [sys.executable, "-m", "host.cli", "run", *arguments, "--record", tmp_path / "a.swarmloc"],
+        [sys.executable, "-m", "host.cli", "run", *arguments, "--record", tmp_path / "a.mcap"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

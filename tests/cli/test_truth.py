@@ -23,7 +23,7 @@ def run(*arguments):
 @pytest.fixture(scope="module")
 def ticks(recorded, tmp_path_factory):
     """The ticks as a recording of ours, stamped by the robot that counted them."""
-    path = tmp_path_factory.mktemp("ticks") / "ticks.swarmloc"
+    path = tmp_path_factory.mktemp("ticks") / "ticks.mcap"
     (nominal,) = optiodom.read_runs(recorded(f"{RUN}.csv"))
     rows = np.loadtxt(recorded(f"{RUN}_odo.csv"), delimiter=",", encoding="utf-8-sig")
     config = RobotConfig(wheels=nominal.wheels)
@@ -72,7 +72,7 @@ def test_evaluate_scores_by_a_file_as_by_the_motion_capture_that_it_was_written_
     from host.messages import Bodies
     from host.recording.log import Recording
 
-    drive, bare, truth = (tmp_path / name for name in ("d.swarmloc", "b.swarmloc", "t.csv"))
+    drive, bare, truth = (tmp_path / name for name in ("d.mcap", "b.mcap", "t.csv"))
     scenario = "arena4:seconds=20,seed=2,mocap_hz=50"
     assert run("simulate", scenario, "--output", drive).exit_code == 0
     recording, lines = Recording(drive), ["time,x,y,heading,body"]

@@ -26,8 +26,8 @@ def a_picture(time, **changes):
 def test_faults_are_split_from_any_source():
     assert split("arena4") == ("arena4", NONE)
     assert split("arena4:seed=1,seconds=9") == ("arena4:seed=1,seconds=9", NONE)
-    assert split("a/b:c.swarmloc") == ("a/b:c.swarmloc", NONE)
-    assert split("a.swarmloc:camera_false=5") == ("a.swarmloc", Faults(camera_false=5.0))
+    assert split("a/b:c.mcap") == ("a/b:c.mcap", NONE)
+    assert split("a.mcap:camera_false=5") == ("a.mcap", Faults(camera_false=5.0))
     assert split("arena4:seed=1, lidar_garbage=.2,seconds=9,camera_dead=20-40") == (
         "arena4:seed=1,seconds=9",
         Faults(lidar_garbage=0.2, camera_dead=(20.0, 40.0)),

@@ -48,7 +48,7 @@ def test_one_value_has_no_interval_and_none_no_mean():
 
 
 def test_seeds_are_put_into_scenarios_and_taken_out_again():
-    sources = ["arena4", "swarm20:seconds=9", "a/today.swarmloc", "mrclam:/data,landmarks=drop"]
+    sources = ["arena4", "swarm20:seconds=9", "a/today.mcap", "mrclam:/data,landmarks=drop"]
     several = trials.seeded(sources, [3, 4])
     assert several == [
         "arena4:seed=3",

@@ -40,7 +40,7 @@ def a_rig(**sources: Steps | Broken) -> Rig:
 def test_every_sink_gets_every_message_until_it_is_stopped(tmp_path: Path) -> None:
     taken: list[Message] = []
     watched: list[int] = []
-    path = tmp_path / "run.swarmloc"
+    path = tmp_path / "run.mcap"
     outcome = run_devices(
         a_rig(steps=Steps()),
         {"list": taken.append},
@@ -66,7 +66,7 @@ def test_it_ends_by_itself_and_names_what_failed() -> None:
 
 
 def test_a_recording_that_exists_is_refused_before_any_device_starts(tmp_path: Path) -> None:
-    path = tmp_path / "run.swarmloc"
+    path = tmp_path / "run.mcap"
     path.write_text("")
     with pytest.raises(UserError, match="exists already"):
         run_devices(a_rig(steps=Steps()), {}, record=path)

@@ -68,7 +68,7 @@ def test_everything_stays_within_the_picture() -> None:
 
 def test_rows_pooled_or_from_recordings_are_left_out() -> None:
     pooled = row("phd", "lidar", 3) | {"source": "arena4 x2", "gospa_m": 99.0}
-    recorded = row("phd", "lidar", 3) | {"source": "today.swarmloc", "gospa_m": 99.0}
+    recorded = row("phd", "lidar", 3) | {"source": "today.mcap", "gospa_m": 99.0}
     assert tool.picture(tool.read([*rows(), pooled, recorded])) == tool.picture(tool.read(rows()))
 
 

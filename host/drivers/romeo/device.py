@@ -16,7 +16,7 @@ from host.drivers.romeo.ports import BOARD, SKETCH_IDS
 from host.drivers.romeo.session import BoardSession
 from host.drivers.serial_port import find_port, open_port, read_available
 from host.errors import UserError
-from host.messages import Message
+from host.messages import DeviceBytes, DeviceIdentity, Message
 
 BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
 COMMAND_LIFE_S = 0.12  # whoever commands sends anew well before
@@ -35,6 +35,7 @@ class Romeo:
         self._lock = threading.Lock()
         self._wanted: tuple[tuple[int, int], float] | None = None
         self._health = HealthReporter(BOARD, clock)
+        self._identity: dict[str, str] = {}
 
     def command(self, speed_mps: float, turn_rate_radps: float) -> None:
         """Drive so fast and turn so fast (counter-clockwise positive) for COMMAND_LIFE_S.
@@ -57,7 +58,9 @@ class Romeo:
     def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """One connection, until `stop` is set or the port fails."""
         with open_port(find_port(BOARD, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
-            self._session.connect(self._clock())
+            now = self._clock()
+            emit(DeviceBytes(now, BOARD, b""))
+            self._session.connect(now)
             try:
                 while not stop.is_set():
                     self._turn(emit, port)
@@ -70,8 +73,14 @@ class Romeo:
         with self._health.pace.within(READ_TIMEOUT_S):
             data = read_available(port, READ_TIMEOUT_S)
         now = self._clock()
+        if data:
+            emit(DeviceBytes(now, BOARD, data))
         for step in self._session.receive(data, now):
             emit(step)
+        identity = self._session.identity()
+        if identity and identity != self._identity:
+            self._identity = identity
+            emit(DeviceIdentity(now, BOARD, identity))
         port.write(self._session.transmit(now, self._command_at(now)))
         self._health.report(emit, *self._session.state(now), self._session.counts)
 

@@ -75,6 +75,18 @@ class BoardSession:
         """Has the board introduced itself, and does it speak the host's protocol?"""
         return self._identity is not None and self._identity.protocol_hash == PROTOCOL_HASH
 
+    def identity(self) -> dict[str, str]:
+        """What the board says of itself, by name; empty before it has introduced itself."""
+        found = self._identity
+        if found is None:
+            return {}
+        return {
+            "firmware": _version(found),
+            "protocol": f"{found.protocol_hash:08x}",
+            "board": str(found.board),
+            "edges_per_period": str(found.edges_per_period),
+        }
+
     def receive(self, data: bytes, now: float) -> list[Displacement]:
         """The displacements that end in `data`, which arrived at `now` (s)."""
         self._heard = self._heard or bool(data)
@@ -204,10 +216,9 @@ class BoardSession:
         """Of a board that reports: what makes its reports or its motors useless, else remarks."""
         edges_fault, edges_remark = wrong_edges(identity, self._wheels)
         faults = [self._runaway.fault(now), edges_fault, self._checks.fault(now)]
-        version = f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
         stored = ", had no settings stored and has robot.toml's now" * self._lost_settings
         remarks = [
-            f"firmware {version}{stored}",
+            f"firmware {_version(identity)}{stored}",
             old_version(identity),
             *self._about_settings(settings),
             edges_remark,
@@ -252,6 +263,10 @@ class BoardSession:
             "runaways": self._runaway.count,
             "odometry_disagreements": self._checks.disagreements,
         }
+
+
+def _version(identity: IdentityFrame) -> str:
+    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
 
 
 def settings_for(robot: RobotConfig) -> SettingsFrame:

@@ -4,7 +4,7 @@ import errno
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict
 from typing import TypeVar
 
 import serial
@@ -18,10 +18,10 @@ from host.drivers.x4.commands import DeviceHealth, DeviceInfo
 from host.drivers.x4.formats import unknown_format
 from host.drivers.x4.liveness import Liveness
 from host.drivers.x4.packets import BAUDRATE
-from host.drivers.x4.protocol import ScanDecoder
+from host.drivers.x4.protocol import ScanDecoder, delayed
 from host.drivers.x4.state import Identity, damage, in_words, why_silent
 from host.errors import UserError
-from host.messages import Message
+from host.messages import DeviceBytes, DeviceIdentity, Message
 
 USB_IDS = ((0x10C4, 0xEA60),)  # the CP2102 on the X4's adapter board
 LIDAR = "lidar"
@@ -78,6 +78,7 @@ class X4:
         try:
             self._connections += 1
             self._decoder.reset()
+            self._emit(DeviceBytes(self._clock(), LIDAR, b""))
             self._stop.wait(0.1)
             self._motor_switch = self._switch_motor(port, on=True)
             identity = self._identify(port)
@@ -97,6 +98,9 @@ class X4:
         if info is None and health is None and counts["packets"] > before["packets"]:
             return Identity(one_way=True, info=None)
         self._check_answers(info, health, counts["bytes_skipped"] > before["bytes_skipped"])
+        if info is not None:
+            values = {name: str(value) for name, value in asdict(info).items()}
+            self._emit(DeviceIdentity(self._clock(), LIDAR, values))
         return Identity(one_way=False, info=info)
 
     def _switch_motor(self, port: serial.Serial, on: bool) -> bool:
@@ -109,11 +113,15 @@ class X4:
             raise
         return True
 
-    def _read(self, port: serial.Serial) -> bytes:
+    def _read(self, port: serial.Serial) -> tuple[bytes, float]:
+        """What has arrived, and when, s."""
         with self._health.pace.within(READ_TIMEOUT_S):
             data = read_available(port, READ_TIMEOUT_S)
-        self._recent = (self._recent + data)[-_RECENT_BYTES:]
-        return data
+        now = self._clock()
+        if data:
+            self._emit(DeviceBytes(now, LIDAR, data))
+            self._recent = (self._recent + data)[-_RECENT_BYTES:]
+        return data, now
 
     def _drain(self, port: serial.Serial) -> None:
         """Throw away what was sent before the stop command took effect."""
@@ -138,7 +146,7 @@ class X4:
             port.write(question)
             end = self._clock() + _REPLY_WAIT_S
             while self._clock() < end and not self._stop.is_set():
-                self._decoder.feed(self._read(port), self._clock())
+                self._decoder.feed(*self._read(port))
                 for reply in self._decoder.take_replies():
                     if isinstance(reply, kind):
                         return reply
@@ -190,11 +198,10 @@ class X4:
         began = packets = before["packets"]
         liveness = Liveness(self._config)
         while not self._stop.is_set():
-            data = self._read(port)
-            now = self._clock()
+            data, now = self._read(port)
             for scan in decoder.feed(data, now):
                 liveness.add(scan, decoder.motor_hz)
-                self._emit(replace(scan, time=scan.time - delay, times=scan.times - delay))
+                self._emit(delayed(scan, delay))
             came = packets > began
             if decoder.counts["packets"] > packets:
                 packets, last = decoder.counts["packets"], now

@@ -29,6 +29,8 @@ MAX_SAMPLES = 40
 UNITS_PER_REVOLUTION = 360 * 64
 UNIT_RAD = 2.0 * math.pi / UNITS_PER_REVOLUTION
 STEP_M = 0.00025  # one unit of Si
+# Angles are rounded to a third of the lidar's own unit, so that a recording keeps them in 16 bits.
+ANGLE_STEP_RAD = 2.0 * math.pi / 65536
 # At 12 revolutions/s, the motor's fastest, a sample is 0.86 deg; beyond 2 deg the angles are wrong.
 _MAX_UNITS_PER_SAMPLE = 128
 # The emitter sits 21.8 mm beside the axis and its beam crosses the axis' plane at 155.3 mm.

@@ -5,6 +5,7 @@ The formats are in packets.py (samples) and commands.py (everything else).
 
 import math
 import re
+from dataclasses import replace
 
 from host.drivers.x4.commands import REPLY_HEADER, Reply, parse_reply, reply_length
 from host.drivers.x4.packets import (
@@ -26,6 +27,11 @@ _SECONDS_PER_BYTE = BITS_PER_BYTE / BAUDRATE
 # An angle that lies so little behind the expected one is no loss of most of a revolution.
 _BACKWARD_UNITS = 320
 _START_JITTER_UNITS = 40  # by which revolutions begin at different angles
+
+
+def delayed(scan: Scan, delay_s: float) -> Scan:
+    """The scan as it was taken, `delay_s` before its bytes say."""
+    return replace(scan, time=scan.time - delay_s, times=scan.times - delay_s)
 
 
 class ScanDecoder:

@@ -1,10 +1,9 @@
 """One revolution of the X4: its packets, kept as they came until it is complete."""
 
-import math
-
 import numpy as np
 
 from host.drivers.x4.packets import (
+    ANGLE_STEP_RAD,
     SAMPLE_RATE_HZ,
     STEP_M,
     UNIT_RAD,
@@ -96,6 +95,8 @@ class Revolution:
         angle, step, _, count = lines.repeat(sizes, axis=1)
         angles = angle + step * number
         angles -= _CORRECTIONS.take(samples)
-        angles[angles < -math.pi] += 2.0 * math.pi
+        # 16 bits, of which those that overflow are whole revolutions.
+        units = np.rint(angles / ANGLE_STEP_RAD).astype(np.int64).astype(np.int16)
+        angles = units * ANGLE_STEP_RAD
         times = offset + (count + number) / SAMPLE_RATE_HZ
         return Scan(float(times[-1]), times, angles, _RANGES.take(samples))

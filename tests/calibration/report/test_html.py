@@ -105,7 +105,7 @@ class Page(HTMLParser):
             self.words.append(data.strip())
 
 
-def page_of(fit: Calibration, source: str = "run.swarmloc") -> Page:
+def page_of(fit: Calibration, source: str = "run.mcap") -> Page:
     page = Page(as_html(fit, source, "2026-11-22", "robots/mine.toml"))
     assert not page.open
     return page
@@ -121,7 +121,7 @@ def test_a_fit_that_passes_says_so_and_shows_every_figure() -> None:
     words = page_of(calibration(USED)).words
     assert "✓ Passed" in words
     for expected in (
-        *("Calibration: lidar", "robots/mine.toml · from run.swarmloc · 2026-11-22"),
+        *("Calibration: lidar", "robots/mine.toml · from run.mcap · 2026-11-22"),
         *("heading of the lidar", "lidar.heading_rad", "3.002 ± 0.017 deg", "0.1 deg"),
         *("0.573", "2.991", "3.019", "4.1 mm", "71.2 %", "≥ 50 %"),
         "Residuals: rms 2.1 mm over 812 pairs, 71 % of them used",
@@ -199,7 +199,7 @@ def test_without_matplotlib_the_page_says_how_to_get_the_pictures(
 
 def test_the_file_is_written_or_the_reason_told(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_html(path, calibration(USED), "run\udc80.swarmloc", "2026-11-22", "mine.toml")
+    write_html(path, calibration(USED), "run\udc80.mcap", "2026-11-22", "mine.toml")
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     with pytest.raises(UserError, match=r"cannot write the report"):
         write_html(tmp_path / "absent" / "a.html", calibration(), "a", "b", "c")
@@ -213,9 +213,9 @@ def test_a_value_that_is_not_observable_is_said_to_be_so_without_a_number() -> N
 
 def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
     found: dict[str, Any] = json.loads(
-        json.dumps(as_json(calibration(USED, FLAT), "run.swarmloc", "2026-11-22"), allow_nan=False)
+        json.dumps(as_json(calibration(USED, FLAT), "run.mcap", "2026-11-22"), allow_nan=False)
     )
-    assert (found["kind"], found["source"]) == ("lidar", "run.swarmloc")
+    assert (found["kind"], found["source"]) == ("lidar", "run.mcap")
     assert not found["passed"]
     assert found["failures"] == ["delay separate from rotation: drive eights & stop <often>"]
     heading, noise = found["fitted"]

@@ -56,7 +56,10 @@ def points_of(scan: Scan) -> list[Point]:
     return list(zip(degrees.tolist(), (scan.ranges * 1000.0).tolist(), strict=True))
 
 
-def assert_same(scan: Scan, turn: list[Point], degrees: float = 1e-6, mm: float = 1e-6) -> None:
+ROUNDED = 180.0 / 65536 + 1e-9  # deg: half a unit of what angles are rounded to
+
+
+def assert_same(scan: Scan, turn: list[Point], degrees: float = ROUNDED, mm: float = 1e-6) -> None:
     ours, theirs = np.array(points_of(scan)), np.array(turn)
     assert ours.shape == theirs.shape
     angle_error = (ours[:, 0] - theirs[:, 0] + 180.0) % 360.0 - 180.0
@@ -125,7 +128,7 @@ def test_points_equal_lds2d() -> None:
     other = np.array(theirs[: len(ours)])
     error = (ours[:, 0] - other[:, 0] + 180.0) % 360.0 - 180.0
     assert len(ours) == 4 * 600
-    assert np.abs(error).max() <= 1.0 / 64.0
+    assert np.abs(error).max() <= 1.0 / 64.0 + ROUNDED
     assert (
         np.abs(np.floor(ours[:, 1] + 1e-6) - other[:, 1]).max() <= 0.25
     )  # lds2d drops the fraction
@@ -168,8 +171,8 @@ def true_points(stream: bytes) -> set[tuple[int, int]]:
 
 
 def rounded(point: Point) -> tuple[int, int]:
-    # The shift keeps angles, which are multiples of 1/64 deg at packet ends, off the halves.
-    return math.floor((point[0] * 1e6 + 0.3) % 360e6), round(point[1] * 4)
+    # Multiples of 1/64 deg, as at packet ends, are no halves of this unit.
+    return round(point[0] * 65536 / 360.0) % 65536, round(point[1] * 4)
 
 
 @pytest.mark.parametrize("returns", [0.7, 0.03])

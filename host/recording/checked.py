@@ -1,0 +1,207 @@
+"""An MCAP file of ours read record by record, with every fault in words."""
+
+import contextlib
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    Schema,
+)
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC as MAGIC
+from zstandard import ZstdError
+
+from host.errors import UserError
+from host.recording.records import TOPIC, Others, Unpacker
+
+REPAIRED = "swarmloc repaired"  # the metadata of a file that `swarmloc record --repair` made
+_END = b"\xfe"
+_LARGEST = 1 << 31
+_HEAD = struct.Struct("<BQ")
+_READ: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.FOOTER: Footer.read,
+    Opcode.HEADER: Header.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.SCHEMA: Schema.read,
+}
+_KNOWN = set(Opcode)
+_NO_INDEX = "the index at its end is damaged or missing: `swarmloc record --repair` makes a new one"
+_UNREADABLE = (
+    *(McapError, ValueError, KeyError, IndexError, TypeError, OverflowError, RuntimeError),
+    *(struct.error, zlib.error, ZstdError),
+)
+
+
+def is_mcap(path: Path) -> bool:
+    """Does a file begin as MCAP does? Raises UserError where it cannot be read."""
+    with _opened(path) as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+class CheckedMcap:
+    """Reads a file to its end, or to its first fault.
+
+    remarks: what is wrong but loses nothing that was written, known once `records` has ended.
+    finished: was the end record there?
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.remarks: list[str] = []
+        self.finished = False
+        self._path = path
+        self._place = self._size = 0  # of the record that is being read, and of the file
+        self._unpacker = Unpacker()
+        self._others = Others()
+        self._number = 0  # of our next record
+        self._repaired = ""
+
+    def records(self) -> Iterator[tuple[McapMessage, bytes]]:
+        """Our records with their content."""
+        for record, data in self.all_records():
+            if isinstance(record, McapMessage) and data is not None:
+                yield record, data
+
+    def all_records(self) -> Iterator[tuple[McapRecord, bytes | None]]:
+        """Every schema, channel, message, metadata and attachment; with its content where it is
+        ours. Raises UserError where the file is damaged."""
+        channels: dict[int, str] = {}
+        seen: set[tuple[type[McapRecord], int]] = set()
+        for record in self._mcap_records():
+            if isinstance(record, Schema | Channel):
+                if (type(record), record.id) in seen:
+                    continue  # each chunk may repeat them
+                seen.add((type(record), record.id))
+            if isinstance(record, Channel):
+                channels[record.id] = record.topic
+            if isinstance(record, Metadata) and record.name == REPAIRED:
+                self._repaired = record.metadata.get("fault", "")
+                continue
+            if isinstance(record, McapMessage) and channels.get(record.channel_id) == TOPIC:
+                with self.checking():
+                    data = self._ours(record)
+                if data is not None:
+                    yield record, data
+                continue
+            self._others.take(record)
+            yield record, None
+        self._conclude()
+
+    @contextlib.contextmanager
+    def checking(self) -> Iterator[None]:
+        """Whatever is wrong in this block is damage of the file."""
+        try:
+            yield
+        except _UNREADABLE as error:
+            raise self._damaged(str(error) or type(error).__name__) from error
+
+    def _ours(self, record: McapMessage) -> bytes | None:
+        """The content of a record of ours, None where it comes again."""
+        number = record.sequence
+        if number < self._number:
+            self.remarks.append(f"record {number} comes twice, or too late; it is not used")
+            return None
+        if number > self._number:
+            last = f" to {number - 1}" if number - 1 > self._number else ""
+            raise ValueError(f"record {self._number}{last} is missing before record {number}")
+        data = self._unpacker.unpack(record, self._others)
+        self._others = Others()
+        self._number += 1
+        self.finished = self.finished or data == _END
+        return data
+
+    def _mcap_records(self) -> Iterator[McapRecord]:
+        """Every record as it stands in the file. What follows our end record is an index."""
+        with _opened(self._path) as file:
+            self._size = file.seek(0, 2)
+            file.seek(len(MAGIC))
+            try:
+                while (record := self._next(file)) is not None:
+                    with self.checking():
+                        yield from (
+                            breakup_chunk(record, True) if isinstance(record, Chunk) else [record]
+                        )
+                    if isinstance(record, Footer):
+                        self._check_index(file, record)
+                        return
+                if self.finished:
+                    self.remarks.append(_NO_INDEX)
+            except UserError:
+                if not self.finished:
+                    raise
+                self.remarks.append(_NO_INDEX)
+
+    def _next(self, file: BinaryIO) -> McapRecord | None:
+        """The next record; None where the file ends before or within it."""
+        self._place = file.tell()
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return None
+        opcode, length = _HEAD.unpack(head)
+        with self.checking():
+            if opcode not in _KNOWN or length > _LARGEST:
+                raise ValueError(f"no record is of kind {opcode} and has {length} bytes")
+            if length > self._size - file.tell():
+                return None
+            stream = ReadDataStream(BytesIO(file.read(length)))
+            if opcode == Opcode.MESSAGE:
+                message: McapRecord = McapMessage.read(stream, length)
+                return message
+            kind = _READ.get(opcode)
+            found: McapRecord = McapRecord() if kind is None else kind(stream)
+            return found
+
+    def _check_index(self, file: BinaryIO, footer: Footer) -> None:
+        file.seek(footer.summary_start or self._place)
+        checked = file.read(self._place + _HEAD.size + 16 - file.tell())
+        file.seek(-len(MAGIC), 2)
+        if zlib.crc32(checked) != footer.summary_crc or file.read() != MAGIC:
+            raise UserError(_NO_INDEX)
+
+    def _conclude(self) -> None:
+        """Say what is not as it should be."""
+        left = self._size - self._place
+        if self._repaired:
+            self.remarks.append(f"repaired: {self._repaired}")
+        elif not self.finished:
+            lost = f"; of the last record {left} bytes are there" if left else ""
+            self.remarks.append(f"unfinished: the run was killed or its disk was full{lost}")
+        if not self._unpacker.intact:
+            self.remarks.append(
+                "its topics for other tools are damaged or were changed; the records are whole"
+            )
+
+    def _damaged(self, why: str) -> UserError:
+        return UserError(
+            f"{self._path} is damaged at byte {self._place} of {self._size}",
+            why,
+            f"`swarmloc record --repair {self._path}` saves the {self._number} records before",
+        )
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise UserError(
+            f"cannot read the recording {path}",
+            error.strerror or str(error),
+            "give the path of a recording, as `swarmloc run --record` writes it",
+        ) from error
