@@ -5,7 +5,7 @@ from collections import deque
 
 from host.messages import Displacement, Message
 
-CAPACITY = 256  # messages: some 3 s of them
+CAPACITY = 768  # messages: some 3 s of them, most of which are bytes to be recorded
 
 
 class MessageQueue:
