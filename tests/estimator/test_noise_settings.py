@@ -75,7 +75,7 @@ def test_nothing_is_said_before_there_is_enough():
 
 @pytest.fixture(scope="module")
 def arena():
-    simulation = Simulation(parse_scenario("arena4:seconds=100,seed=31"), RobotConfig())
+    simulation = Simulation(parse_scenario("arena4:seconds=60,seed=31"), RobotConfig())
     kinds = Scan | Bearings | Displacement
     return simulation.config, [m for m in simulation.messages() if isinstance(m, kinds)]
 

@@ -14,7 +14,7 @@ from host.geometry import wrap
 from host.perception.strips import StripFinder
 from host.simulation.pictures.scenes import scene_frames
 
-SEED, PICTURES = 31, 4
+SEED, PICTURES = 31, 3
 ROOMS = ("brick", "carpet", "orange_floor", "shelves", "warm_wood", "cold", "dark", "fringes")
 FOUND_RAD = math.radians(3.0)
 
@@ -39,7 +39,7 @@ def test_strips_are_found_and_nothing_else_is() -> None:
                 if error <= FOUND_RAD:
                     errors.append(math.degrees(error))
     figures = f"seed {SEED}: {len(errors)} of {asked} found, {false} false, errors {errors}"
-    assert asked > 60, figures
+    assert asked > 45, figures
     assert len(errors) >= 0.95 * asked, figures
     assert false <= 0.1 * len(ROOMS) * PICTURES, figures
     assert np.percentile(errors, 95) <= 0.3, figures
