@@ -8,6 +8,7 @@ from host.cli import options
 from host.recording.log import SUFFIX
 from host.sessions.robot import robot_configuration
 from host.sessions.simulating import simulate_to_recording
+from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
 
 
 @click.command(
@@ -25,15 +26,25 @@ Example:
     metavar="FILE",
     help=f"Recording to write (FILE ends in {SUFFIX}).",
 )
+@click.option(
+    "--sensors",
+    type=click.Choice(SENSORS),
+    default=LIDAR_AND_CAMERA,
+    show_default=True,
+    help="Sensors that the robot has besides the wheels.",
+)
 @options.robot_option
 @options.json_option
-def simulate(scenario: str, output: Path, robot_path: Path | None, json_path: Path | None) -> None:
+def simulate(
+    scenario: str, output: Path, sensors: str, robot_path: Path | None, json_path: Path | None
+) -> None:
     """Record what a robot would measure in SCENARIO, with the truth, at full speed.
 
     SCENARIO is arena4, swarm20, furnished6 or misbuilt4, with settings as in
     arena4:seconds=60,seed=1,robots=6.
     """
     with options.progress_bar() as progress:
-        figures = simulate_to_recording(scenario, output, robot_configuration(robot_path), progress)
+        robot = robot_configuration(robot_path)
+        figures = simulate_to_recording(scenario, output, robot, progress, sensors)
     click.echo(options.listing(figures))
     options.write_json(json_path, figures)

@@ -6,9 +6,10 @@ Only for evaluation. It takes readings' `identities`; those of nobody (-1) it le
 import numpy as np
 
 from host.estimator.motion_modes import MotionModes, MovingTeammates
+from host.estimator.strip_births import on_rays
 from host.geometry import wrap
 from host.message_checks import check
-from host.messages import Bearings, Displacement, Estimate, Positions
+from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 
 # Standing (or rotating on the spot), manoeuvring, cruising: as robots do that drive straight on at
 # 0.3 m/s and rotate where something is in the way. Chosen for the least GOSPA at an ANEES near 1.
@@ -26,8 +27,8 @@ class Clairvoyant:
     """One Kalman filter per identity over position and velocity, under several modes of motion.
 
     A teammate is reported while the trace of its covariance is below `most_variance` (m²) and it
-    was placed within forget_s; then it is forgotten. It is known from its first position on: a
-    bearing alone does not tell how far it is.
+    was placed within forget_s; then it is forgotten. It is known from its first position on, or
+    from the first strip whose size tells how far it is.
     """
 
     def __init__(
@@ -68,7 +69,9 @@ class Clairvoyant:
             if isinstance(measurement, Positions):
                 self._use_position(measurement, int(reading), identity, teammate)
             elif teammate is not None:
-                self._use_bearing(measurement, int(reading), teammate)
+                self._use_strip(measurement, int(reading), teammate)
+            else:
+                self._begin_by_strip(measurement, int(reading), identity)
 
     def _use_position(
         self, measured: Positions, reading: int, identity: int, teammate: int | None
@@ -77,25 +80,45 @@ class Clairvoyant:
         position, noise = measured.positions[reading], measured.covariances[reading]
         lag = 0.0 if measured.lags is None else float(measured.lags[reading])
         if teammate is None:
-            self._teammates.begin(position, noise, lag)
-            self._identities = np.append(self._identities, identity)
-            self._ages = np.append(self._ages, 0.0)
+            self._begin(identity, position, noise, lag)
             return
         then, jacobian = self._teammates.positions_before(teammate, lag)
         self._teammates.update(teammate, position - then, jacobian, noise)
         self._ages[teammate] = 0.0
 
-    def _use_bearing(self, measured: Bearings, reading: int, teammate: int) -> None:
-        """H = (-y, x) / r² of where the teammate was (Perera 2021 eq. 25-28, repaired)."""
+    def _begin(self, identity: int, position: FloatArray, noise: FloatArray, lag: float) -> None:
+        self._teammates.begin(position, noise, lag)
+        self._identities = np.append(self._identities, identity)
+        self._ages = np.append(self._ages, 0.0)
+
+    def _begin_by_strip(self, measured: Bearings, reading: int, identity: int) -> None:
+        if measured.ranges is None or measured.range_variances is None:
+            return
+        bearing, distance = measured.bearings[[reading]], measured.ranges[[reading]]
+        across = distance**2 * measured.variances[[reading]]
+        along = measured.range_variances[[reading]]
+        (position,), (noise,) = on_rays(measured.origin, bearing, distance, across, along)
+        self._begin(identity, position, noise, measured.lag)
+
+    def _use_strip(self, measured: Bearings, reading: int, teammate: int) -> None:
+        """Bearing and, where its size tells it, range of where the teammate was `lag` s ago.
+
+        H = ((-y, x) / r², (x, y) / r) (Perera 2021 eq. 25-28, repaired).
+        """
         then, jacobian = self._teammates.positions_before(teammate, measured.lag)
         x, y = (then - measured.origin).T
-        squared = x * x + y * y
-        if np.any(squared < 1e-6):
+        r = np.hypot(x, y)
+        if np.any(r < 1e-3):
             return  # a teammate at the rays' origin: its direction says nothing
-        of_bearing = (np.stack((-y, x), axis=1) / squared[:, None])[:, None] @ jacobian
-        innovation = wrap(measured.bearings[reading] - np.arctan2(y, x))
-        noise = np.array([[measured.variances[reading]]])
-        self._teammates.update(teammate, innovation[:, None], of_bearing, noise)
+        rows = [np.stack((-y, x), axis=1) / (r * r)[:, None]]
+        innovations = [wrap(measured.bearings[reading] - np.arctan2(y, x))]
+        noise = [measured.variances[reading]]
+        if measured.ranges is not None and measured.range_variances is not None:
+            rows.append(np.stack((x, y), axis=1) / r[:, None])
+            innovations.append(measured.ranges[reading] - r)
+            noise.append(measured.range_variances[reading])
+        h = np.stack(rows, axis=1) @ jacobian
+        self._teammates.update(teammate, np.stack(innovations, axis=1), h, np.diag(noise))
 
     def estimate(self) -> Estimate:
         """Every teammate that is known; labels are the identities."""

@@ -31,6 +31,7 @@ _SEEN_SHARE = 0.8  # of the scans: something hides it in the others
 _STILL_M = 0.15  # a robot that turns on the spot drives further within _BASE_S
 _FRESH_S = 0.3  # a teammate seen longer ago may be elsewhere
 _SURE = 0.8
+_LIDAR_GONE_S = 1.0  # then teammates stand where the pictures had them, which say nothing new
 _SPEED_MPS = 0.3  # of teammates while a picture waits
 _NEAR_SHARE = 1.0  # of the bearing's variance: a teammate known worse says nothing of it
 _GATE_SIGMA, _ALONE_RAD = 9.0, 0.6
@@ -103,10 +104,12 @@ class Consistency:
     def __init__(self) -> None:
         self._innovations = {name: deque[float](maxlen=_KEPT) for name in _MEDIANS}
         self._things: _Things | None = None
+        self._scanned = -math.inf  # time of the newest positions
         self._pictured = -math.inf  # time of the newest picture that was compared
 
     def take_positions(self, measured: Positions, path: Path) -> None:
         """Readings of the lidar, in the robot frame at their time."""
+        self._scanned = measured.time
         if not len(measured.positions):
             return
         if self._things is None:
@@ -121,6 +124,7 @@ class Consistency:
     def take_bearings(self, measured: Bearings, known: Estimate, path: Path) -> None:
         """Readings of a picture, and what was estimated at about that time, each in its frame."""
         new = abs(measured.time - self._pictured) >= _PICTURE_S
+        new &= measured.time - self._scanned < _LIDAR_GONE_S
         if not (new and len(known.positions) and len(measured.bearings)):
             return
         self._pictured = measured.time

@@ -28,6 +28,7 @@ from host.estimator.sensor_models import (
     survival,
 )
 from host.estimator.static_world import StaticWorld
+from host.estimator.strip_births import Places, StripBirths
 from host.estimator.thing_modes import (
     MOTION_OF,
     MOTIONS,
@@ -74,6 +75,8 @@ class PmbFilter:
         lidar, camera = lidar or Lidar(), camera or Cameras()
         self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
         self._ranges_to_m = camera.max_range_m if camera.use_ranges else None
+        teammates = 1.0 - self._settings.pmb.obstacle_share
+        self._births = StripBirths(camera, self._settings.pmb.appear_per_m2_s * teammates)
         self._width = lidar.target_diameter_m
         self._things = Things()
         self._time = 0.0
@@ -100,7 +103,7 @@ class PmbFilter:
         check(measurement)
         if isinstance(measurement, Positions):
             self._update_by_lidar(measurement)
-        elif len(self._things):
+        else:
             self._update_by_cameras(measurement)
         self._label()
 
@@ -182,7 +185,19 @@ class PmbFilter:
         self._learnt = now
 
     def _update_by_cameras(self, measured: Bearings) -> None:
-        """Readings of teammates only: what has no strip is an obstacle, or not there.
+        """Readings of teammates only; without the lidar they show those that are new, too."""
+        places, unclaimed = self._births.places(measured), np.ones(len(measured.bearings))
+        births = places.of_readings(len(measured.bearings))
+        alone = measured.time - self._scanned > _LONGEST_S
+        if len(self._things):
+            unclaimed = self._use_strips(measured, births if alone else None)
+        if alone:
+            self._bear_strips(measured, places, unclaimed / (self._camera.clutter + births))
+
+    def _use_strips(self, measured: Bearings, births: FloatArray | None) -> FloatArray:
+        """What has no strip is an obstacle, or not there; returns the unclaimed (m,).
+
+        births (m,): intensity of teammates that are new; None where it is for the lidar to say.
 
         L = 1 - P_D + sum over z of P_D N(z) nu(z) / kappa for each motion of a teammate, and 1
         otherwise; it counts with the share of it that is new.
@@ -195,12 +210,15 @@ class PmbFilter:
         likelihood = pairs.likelihood * detected.take(i)
         teammates = by_motion(weights[TEAMMATE])
         expected = detected * teammates.sum(axis=0)
-        # Strips beyond what is expected are of teammates that the lidar has not shown yet.
-        width = 2.0 * max(measured.view[1], _NARROWEST_RAD)
-        clutter = self._camera.clutter + max(0.0, m - float(expected.sum())) / width
+        if births is None:
+            # Strips beyond what is expected are of teammates that the lidar has not shown yet.
+            width = 2.0 * max(measured.view[1], _NARROWEST_RAD)
+            clutter = np.full(m, self._camera.clutter + max(0.0, m - float(expected.sum())) / width)
+        else:
+            clutter = self._camera.clutter + births
         mass = (likelihood * teammates.take(i, axis=1)).sum(axis=0)
-        found = associate(i, j, mass / ((1.0 - expected).take(i) * clutter), n, m)
-        by_reading = likelihood * (found.messages / clutter)
+        found = associate(i, j, mass / ((1.0 - expected).take(i) * clutter.take(j)), n, m)
+        by_reading = likelihood * (found.messages / clutter.take(j))
         total = 1.0 - detected + summed(by_reading, i, n)
         after = teammates * total**share
         shares = after / np.maximum((after + weights[OBSTACLE] * _STILL_ONLY) * total, 1e-300)
@@ -208,6 +226,19 @@ class PmbFilter:
         weights[TEAMMATE] *= (total**share).take(MOTION_OF[TEAMMATE], axis=0)
         weights /= 1.0 - teammates.sum(axis=0) + after.sum(axis=0)
         things.changed()
+        if births is not None:
+            things.tracks[SEEN, i[found.pairs > 0.5]] = measured.time - measured.lag
+        return found.unclaimed
+
+    def _bear_strips(self, measured: Bearings, places: Places, free: FloatArray) -> None:
+        """A Bernoulli for each place of a strip; free (m,): its share to nobody, over clutter."""
+        weights, taken = places.intensity * free.take(places.reading), measured.time - measured.lag
+        variances = 0.5 * np.trace(places.covariances, axis1=1, axis2=2)
+        born = self._modes.born(
+            places.positions, places.covariances, measured.lag, weights, 0.0 * weights
+        )
+        self._things.bear(*born, taken, variances, pictured=taken)
+        self._things.merge_duplicates()
 
     def _camera_detection(self, measured: Bearings) -> tuple[FloatArray, FloatArray]:
         """P_D (n,) of each thing if it is a teammate (eq. 29); share of evidence that is new."""

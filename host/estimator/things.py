@@ -54,15 +54,20 @@ class Things:
         return there, np.concatenate((places, still.take(there)[None]))
 
     def bear(
-        self, rows: FloatArray, weights: FloatArray, seen: float, variances: FloatArray
+        self,
+        rows: FloatArray,
+        weights: FloatArray,
+        seen: float,
+        variances: FloatArray,
+        pictured: float = -math.inf,
     ) -> None:
         """Add those newborn (m,) that are not hardly there; drop the others that are.
 
-        seen s, variances (m,) m²: of the readings that they are born of.
+        seen s, variances (m,) m²: of the readings they are born of; pictured s: of the picture.
         """
         new = (weights.sum(axis=0) > _LEAST_EXISTENCE).nonzero()[0]
         tracks = np.zeros((4, len(new)))
-        tracks[SEEN], tracks[PICTURED], tracks[VARIANCE] = seen, -math.inf, variances.take(new)
+        tracks[SEEN], tracks[PICTURED], tracks[VARIANCE] = seen, pictured, variances.take(new)
         fading = (self.tracks[SEEN] < seen - _AGAIN_S) & (self.tracks[LABEL] == 0.0)
         least = np.where(fading, LIKELY, _LEAST_EXISTENCE)
         self._keep((self.weights.sum(axis=0) > least).nonzero()[0])

@@ -13,8 +13,8 @@ class MonitoredFilter:
     """Passes everything on to a filter (see `host.estimator.interface.Filter`) and takes notes.
 
     update_seconds: what each update takes, with the predict before it, is appended.
-    estimates: those made right after positions are appended, not those after bearings; so each
-    teammate's estimate counts once a scan, whatever other sensors there are.
+    estimates: those made right after readings of the kind kept_after are appended, others not; so
+    each teammate's estimate counts once a scan, whatever other sensors there are.
     track: truth from which each reading gets its identity; None: readings stay as they are.
     """
 
@@ -24,13 +24,15 @@ class MonitoredFilter:
         update_seconds: MutableSequence[float],
         estimates: MutableSequence[Estimate] | None = None,
         track: TruthTrack | None = None,
+        kept_after: type[Positions | Bearings] = Positions,
     ) -> None:
         self._filter = filter_
         self._update_seconds = update_seconds
         self._estimates = estimates
         self._track = track
+        self._kept_after = kept_after
         self._predicting = 0.0
-        self._after_positions = False
+        self._keeps = False
 
     def __deepcopy__(self, memo: dict[int, object]) -> Filter:
         """A copy of the filter alone: what is tried on a copy is not to be noted."""
@@ -38,14 +40,14 @@ class MonitoredFilter:
 
     def predict(self, motion: Displacement) -> None:
         """As the filter's."""
-        self._after_positions = False  # what is estimated now belongs to no reading
+        self._keeps = False  # what is estimated now belongs to no reading
         start = perf_counter()
         self._filter.predict(motion)
         self._predicting += perf_counter() - start
 
     def update(self, measurement: Positions | Bearings) -> None:
         """As the filter's."""
-        self._after_positions = isinstance(measurement, Positions)
+        self._keeps = isinstance(measurement, self._kept_after)
         if self._track is not None:
             measurement = label_by_track(measurement, self._track)
         start = perf_counter()
@@ -56,6 +58,6 @@ class MonitoredFilter:
     def estimate(self) -> Estimate:
         """As the filter's."""
         estimate = self._filter.estimate()
-        if self._estimates is not None and self._after_positions:
+        if self._estimates is not None and self._keeps:
             self._estimates.append(estimate)
         return estimate

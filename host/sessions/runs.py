@@ -34,7 +34,7 @@ from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
-from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY, uses
+from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, LIDAR_ONLY, SENSORS, uses
 
 # Called as data come in, with the time reached and the whole duration, in s.
 Progress = Callable[[float, float], None]
@@ -64,12 +64,12 @@ class Run:
     def sensors(self) -> list[str]:
         """The sensors, as --sensors names them, for which there are readings."""
         kinds = {type(message) for message in self.messages}
-        if not kinds & {Scan, Positions}:
-            return []
-        return [LIDAR_ONLY, LIDAR_AND_CAMERA] if Bearings in kinds else [LIDAR_ONLY]
+        lidar, camera = bool(kinds & {Scan, Positions}), Bearings in kinds
+        there = {LIDAR_ONLY: lidar, LIDAR_AND_CAMERA: lidar and camera, CAMERA_ONLY: camera}
+        return [chosen for chosen in SENSORS if there[chosen]]
 
     def score(self, filter_name: str, sensors: str) -> Accumulator:
-        """Run a filter on the messages and score its estimates after scans."""
+        """Run a filter on the messages and score its estimates after scans, or else pictures."""
         scored = Accumulator()
         track = TruthTrack(self.truths)
         estimates: list[Estimate] = []
@@ -79,6 +79,7 @@ class Run:
             scored.update_seconds,
             estimates,
             track if entry.needs_identities else None,
+            kept_after=Bearings if sensors == CAMERA_ONLY else Positions,
         )
         localizer = Localizer(self.config, monitored)
         for message in self.messages:

@@ -10,24 +10,31 @@ from host.messages import DeviceBytes
 from host.recording.log import Recorder, RecordingHeader
 from host.sessions.runs import Progress, simulated, unseen
 from host.simulation.world import scenarios
-from host.sources.sensors import LIDAR_AND_CAMERA
+from host.sources.sensors import LIDAR_AND_CAMERA, has
 
 
 def simulate_to_recording(
-    scenario: str, output: Path, robot: RobotConfig, progress: Progress = unseen
+    scenario: str,
+    output: Path,
+    robot: RobotConfig,
+    progress: Progress = unseen,
+    sensors: str = LIDAR_AND_CAMERA,
 ) -> dict[str, Any]:
     """Record what a robot would measure in a scenario, with the truth; return figures by name.
 
-    Raises UserError, and leaves no file, where the scenario cannot be simulated.
+    sensors: which there are besides the wheels. Raises UserError, and leaves no file, where the
+    scenario cannot be simulated.
     """
     parsed = scenarios.parse_scenario(scenario)
     counts: Counter[str] = Counter()
     begin = time.monotonic()
     # Before the file: what cannot be simulated leaves none.
     simulation, messages = simulated(parsed, robot)
-    header = RecordingHeader(simulation.config, LIDAR_AND_CAMERA, scenario)
+    header = RecordingHeader(simulation.config, sensors, scenario)
     with Recorder(output, header) as recorder:
         for message in messages:
+            if not has(message, sensors):
+                continue
             recorder.write(message)
             counts[type(message).__name__.lower()] += not isinstance(message, DeviceBytes)
             progress(message.time, parsed.seconds)

@@ -17,7 +17,7 @@ from host.simulation.world import scenarios
 from host.simulation.world.arena import Contact
 from host.sources.cameras import StripCamera, camera_sources
 from host.sources.ceiling import CeilingCamera
-from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
+from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, LIDAR_ONLY
 
 
 @runtime_checkable
@@ -64,19 +64,23 @@ class Rig:
 def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
     """The robot's own devices. Raises UserError where `sensors` needs cameras and none is named."""
     found = {} if sensors == LIDAR_ONLY else camera_sources(robot.camera)
-    if sensors == LIDAR_AND_CAMERA and not found:
+    if sensors in (LIDAR_AND_CAMERA, CAMERA_ONLY) and not found:
         raise UserError(
             "there is no camera to use",
             'source is "none" in [camera.front] and [camera.rear] of robot.toml',
             "name their sources there (docs/cameras.md), or use --sensors lidar",
         )
-    sources = {**_drivers(robot), **found, **_motion_capture(robot), COMPUTER: Computer()}
-    return Rig(f"robot {robot.name}", robot, LIDAR_AND_CAMERA if found else LIDAR_ONLY, sources)
+    sensors = sensors or (LIDAR_AND_CAMERA if found else LIDAR_ONLY)
+    drivers, computer = _drivers(robot, sensors), {COMPUTER: Computer()}
+    sources = {**drivers, **found, **_motion_capture(robot), **computer}
+    return Rig(f"robot {robot.name}", robot, sensors, sources)
 
 
-def _drivers(robot: RobotConfig) -> dict[str, Source]:
-    lidar, board = lidar_entry(robot.lidar.model), board_entry(robot.board.model)
-    return {LIDAR: lidar.driver(robot.lidar), BOARD: board.driver(robot)}
+def _drivers(robot: RobotConfig, sensors: str) -> dict[str, Source]:
+    board: Source = board_entry(robot.board.model).driver(robot)
+    if sensors == CAMERA_ONLY:
+        return {BOARD: board}
+    return {LIDAR: lidar_entry(robot.lidar.model).driver(robot.lidar), BOARD: board}
 
 
 def simulated_rig(
@@ -95,8 +99,8 @@ def simulated_rig(
     parsed = scenarios.parse_scenario(scenario)
     live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board, driven=driven))
     config = live.config
-    sources = {**_drivers(config), **_motion_capture(config)}
-    if sensors == LIDAR_AND_CAMERA:
+    sources = {**_drivers(config, sensors), **_motion_capture(config)}
+    if sensors != LIDAR_ONLY:
         sources |= camera_sources(config.camera) if parsed.rendered else {"camera": live.camera}
     title = f"{scenario} (simulated; board: {board.name})"
     return Rig(

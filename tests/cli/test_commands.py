@@ -12,7 +12,7 @@ from host.cli.main import main
 from host.cli.table import table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
-from host.messages import Estimate, Health, Truth
+from host.messages import DeviceBytes, Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
@@ -219,6 +219,26 @@ def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
     assert 0.0 < best < 1.5 * phd < 1.5 * perera2021
     ratio = phd / best
     assert re.search(rf"phd +lidar\+camera .* {ratio:.2f}\n", done.output)
+
+
+def test_cameras_alone_are_scored_simulated_and_replayed(tmp_path, recording):
+    rows_path, figures_path = tmp_path / "rows.json", tmp_path / "figures.json"
+    asked = ("--filters", "pmb", "--sensors", "camera,lidar", "--json", rows_path)
+    assert invoke("evaluate", recording, *asked).exit_code == 0
+    by_sensors = {row["sensors"]: row for row in json.loads(rows_path.read_text())}
+    assert by_sensors["lidar"]["rmse_m"] < by_sensors["camera"]["rmse_m"] < 0.25
+    path = tmp_path / "seen.swarmloc"
+    assert invoke("simulate", SCENARIO, "--sensors", "camera", "--output", path).exit_code == 0
+    messages = list(Recording(path).messages())
+    assert {message.device for message in messages if isinstance(message, DeviceBytes)} == {"board"}
+    kinds = {type(message).__name__ for message in messages}
+    assert kinds == {"Bearings", "DeviceBytes", "Displacement", "Truth"}
+    done = invoke("replay", path, "--json", figures_path)
+    assert done.exit_code == 0, done.output
+    of_both = invoke("replay", recording, "--sensors", "camera", "--json", tmp_path / "both.json")
+    assert of_both.exit_code == 0
+    replayed = json.loads(figures_path.read_text())
+    assert replayed["updates"] == json.loads((tmp_path / "both.json").read_text())["updates"] > 60
 
 
 def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):

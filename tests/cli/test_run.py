@@ -238,10 +238,24 @@ def test_it_ends_after_the_seconds_that_the_scenario_sets(tmp_path: Path):
     assert json.loads(figures_path.read_text())["seconds"] >= 2.0
 
 
-def test_cameras_of_a_real_robot_are_refused_in_words():
-    done = invoke("--sensors", "lidar+camera")
+@pytest.mark.parametrize("sensors", ["lidar+camera", "camera"])
+def test_cameras_of_a_real_robot_are_refused_in_words(sensors: str):
+    done = invoke("--sensors", sensors)
     assert done.exit_code == 1
     assert "there is no camera to use" in done.stderr
+
+
+def test_cameras_alone_find_teammates(tmp_path: Path):
+    figures_path, recording = tmp_path / "figures.json", tmp_path / "seen.swarmloc"
+    done = invoke(
+        *("--simulate", "arena4:seconds=3,seed=1", "--sensors", "camera"),
+        *("--json", str(figures_path), "--record", str(recording)),
+    )
+    assert done.exit_code == 0, done.output
+    figures = json.loads(figures_path.read_text())
+    assert "lidar" not in figures["devices"]
+    assert figures["teammates_reported"] > 0.5
+    assert Recording(recording).header.sensors == "camera"
 
 
 def test_bad_use_is_told_with_exit_code_2():

@@ -87,3 +87,13 @@ def test_estimates_are_kept_after_positions_alone():
     monitored.predict(STEP)
     assert monitored.estimate() == 4  # nothing was measured since
     assert kept == [1, 3]
+
+
+def test_estimates_are_kept_after_bearings_where_these_are_asked_for():
+    kept = []
+    monitored = MonitoredFilter(Inbox(), [], kept, kept_after=Bearings)
+    for update in (positions(), Bearings(0.1, np.zeros(1), np.ones(1)), positions(0.2)):
+        monitored.predict(STEP)
+        monitored.update(update)
+        monitored.estimate()
+    assert kept == [2]

@@ -1,6 +1,7 @@
 """What the cameras of one robot would find, without pictures: bearings of teammates."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from host.simulation.world.arena import TURRET_RADIUS_M, Arena
 from host.simulation.world.raycast import Beams, meet_boxes
 from host.simulation.world.scenarios import Scenario
 from host.simulation.world.sensors import robots_own
+
+_FALSE_RANGE_M = (0.3, 6.0)  # by the size of a blob that is no teammate
 
 
 class SimulatedCamera:
@@ -28,7 +31,9 @@ class SimulatedCamera:
         self._boxes_hide = furniture.box_top_m > Strip().height_m
         # No filter is given an exact bearing.
         self._variance = math.radians(max(scenario.bearing_noise_deg, 0.1)) ** 2
-        self._random = scenario.generator("camera" + robots_own(observer))
+        own = robots_own(observer)
+        self._random = scenario.generator("camera" + own)
+        self._sizes = scenario.generator("strip sizes" + own)
 
     def bearings(self, time: float) -> Bearings:
         """Return what an image pair taken at `time` (s) shows; call once a frame, in order.
@@ -48,8 +53,25 @@ class SimulatedCamera:
         bearings = np.concatenate((wrap(true + noise)[seen], blobs))
         identities: IntArray = np.concatenate((self._others[seen], np.full(len(blobs), -1)))
         order = self._random.permutation(len(bearings))
-        variances = np.full(len(bearings), self._variance)
-        return Bearings(time, bearings[order], variances, identities=identities[order])
+        ranges = np.hypot(*teammates[seen].T)
+        found = Bearings(
+            time,
+            bearings[order],
+            np.full(len(bearings), self._variance),
+            identities=identities[order],
+        )
+        return self._with_ranges(found, ranges, order) if scenario.strip_range_noise else found
+
+    def _with_ranges(self, found: Bearings, true: FloatArray, order: IntArray) -> Bearings:
+        """The readings with ranges by the strips' sizes; those of false blobs are random.
+
+        true (k,) m: of the teammates, which are the first in `order`.
+        """
+        noise = self._scenario.strip_range_noise
+        sizes = true * np.maximum(1.0 + noise * self._sizes.standard_normal(len(true)), 0.1)
+        false = self._sizes.uniform(*_FALSE_RANGE_M, len(order) - len(true))
+        ranges = np.concatenate((sizes, false))[order]
+        return replace(found, ranges=ranges, range_variances=(noise * ranges) ** 2)
 
     def _hidden(self, teammates: FloatArray, own: FloatArray) -> BoolArray:
         """Which teammates (n, 2) are behind another, a post, a leg or a box, from `own` (3,)."""

@@ -67,6 +67,7 @@ class Scenario:
     camera_detection: float = _bounded(0.9, 0.0, 1.0)  # close by, in plain view
     camera_half_range_m: float = _bounded(3.0, 0.1, 20.0)
     camera_steepness_per_m: float = _bounded(5.0, 0.1, 100.0)
+    strip_range_noise: float = _bounded(0.1, 0.0, 1.0)  # of the range, by a strip's size; 0: none
     false_blobs: float = _bounded(0.13, 0.0, 20.0)  # expected in an image pair
     # 1: pictures are rendered and searched; of the above, they have the rate and the delay only.
     rendered: int = _bounded(0, 0, 1)

@@ -291,6 +291,24 @@ def frames(scenario: Scenario, robots: list[tuple[float, float, float]]) -> list
     return [camera.bearings(0.1 * k) for k in range(CAMERA_TRIALS)]
 
 
+def test_the_size_of_a_strip_gives_its_range_and_a_blob_has_any() -> None:
+    robots = [(0, 0, 0.5), (-1.5, 0.2, 0)]
+    scenario = replace(PERFECT, camera_detection=0.5, false_blobs=0.5, strip_range_noise=0.1)
+    true = math.hypot(1.5, 0.2)
+    strips, blobs = list[float](), list[float]()
+    bare = frames(replace(scenario, strip_range_noise=0.0), robots)
+    for seen, without in zip(frames(scenario, robots), bare, strict=True):
+        assert seen.bearings.tolist() == without.bearings.tolist()
+        assert without.ranges is None
+        assert seen.range_variances == pytest.approx((0.1 * seen.ranges) ** 2)
+        strips += seen.ranges[seen.identities == 1].tolist()
+        blobs += seen.ranges[seen.identities == -1].tolist()
+    assert np.mean(strips) == pytest.approx(true, abs=0.02)
+    assert np.std(strips) == pytest.approx(0.1 * true, rel=0.1)
+    assert min(blobs) < 0.5
+    assert max(blobs) > 5.5
+
+
 @pytest.mark.parametrize("metres", [0.5, 2.5, 3.0, 3.6, 6.0])
 def test_cameras_miss_by_range(metres: float) -> None:
     scenario = replace(PERFECT, false_blobs=0.0)
