@@ -11,6 +11,7 @@ from host.cli.evaluate import evaluate
 from host.cli.flash import flash_command
 from host.cli.init import init
 from host.cli.print_sheets import print_group
+from host.cli.record import record
 from host.cli.replay import replay
 from host.cli.run import run
 from host.cli.signals import signals_interrupt
@@ -83,6 +84,7 @@ for command in (
     run,
     drive,
     simulate,
+    record,
     replay,
     evaluate,
     sweep_command,

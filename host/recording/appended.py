@@ -35,7 +35,12 @@ class AppendedMcap:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._stream = _Stream(path)
-        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)  # type: ignore[arg-type]
+        self._writer = Writer(
+            self._stream,  # type: ignore[arg-type]
+            compression=CompressionType.NONE,
+            use_chunking=False,
+            enable_data_crcs=True,
+        )
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._sequences: dict[str, int] = {}

@@ -84,8 +84,11 @@ class Unpacker:
         self._inflate = zlib.decompressobj(-zlib.MAX_WBITS)
         self.intact = True
 
-    def unpack(self, record: McapMessage, others: Others) -> bytes:
-        """The content of a record; others: those since the last one. Raises ValueError."""
+    def unpack(self, record: McapMessage, others: Others | None) -> bytes:
+        """The content of a record. others: those since the last one, None: not to be compared.
+
+        Raises ValueError.
+        """
         if len(record.data) < _HEAD.size:
             raise ValueError("it is too short")
         crc, length = _HEAD.unpack_from(record.data)
@@ -97,7 +100,7 @@ class Unpacker:
         counted, place = Others(), 1
         if data[0] & _OTHERS:
             counted, place = Others(*_COUNTED.unpack_from(data, 1)), 1 + _COUNTED.size
-        self.intact = self.intact and counted == others
+        self.intact = self.intact and others in (None, counted)
         if data[0] & _FRESH:
             self._inflate = zlib.decompressobj(-zlib.MAX_WBITS)
         try:

@@ -16,7 +16,7 @@ from host.messages import DeviceBytes, Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
-COMMANDS = ("run", "flash", "simulate", "replay", "evaluate", "sweep")
+COMMANDS = ("run", "flash", "simulate", "record", "replay", "evaluate", "sweep")
 KEYS = [
     *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
     *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error"),
@@ -44,7 +44,7 @@ def test_help_has_an_example_and_figures_as_json(command):
     assert re.search(rf"Examples?:\n +swarmloc {command}\b", done.output)
     assert "--json FILE" in done.output
     assert max(map(len, done.output.splitlines())) <= 80
-    if command == "flash":  # it flashes what is plugged in, whatever robot.toml says
+    if command in ("flash", "record"):  # whatever robot.toml says
         return
     default = (
         "the recording's, else a Cherokey"

@@ -1,0 +1,46 @@
+"""`swarmloc record`: recordings that were cut short, made whole."""
+
+from pathlib import Path
+
+import click
+
+from host.cli import options
+from host.recording.log import SUFFIX
+from host.recording.repair import repair
+
+
+@click.command(
+    short_help="Repair a recording that was cut short.",
+    epilog=f"""\b
+Example:
+  swarmloc record --repair today{SUFFIX}""",
+)
+@click.option(
+    "--repair",
+    "damaged",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Copy what can be read of a recording into a new file, compressed and with an index.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help=f"The new file.  [default: today.repaired{SUFFIX} for today{SUFFIX}]",
+)
+@options.json_option
+def record(damaged: Path | None, output: Path | None, json_path: Path | None) -> None:
+    """Repair a recording of a run that was killed, or that is damaged.
+
+    The file itself is left as it is. `swarmloc run --record FILE` makes a recording.
+    """
+    if damaged is None:
+        raise click.UsageError("give --repair FILE; to record a run: swarmloc run --record FILE")
+    repaired = repair(damaged, output or damaged.with_suffix(f".repaired{SUFFIX}"))
+    figures = {
+        "recording": f"{repaired.output}: {repaired.fault}",
+        "messages": repaired.messages,
+        "records": repaired.records,
+    }
+    click.echo(f"{repaired.output}: {repaired.messages} messages; {repaired.fault}")
+    options.write_json(json_path, figures)
