@@ -22,11 +22,15 @@ from host.sources.sensors import SENSORS
 
 
 class Player:
-    """Shows messages on the screen, `speed` times as fast as they came."""
+    """Shows messages on the screen, `speed` times as fast as they came.
 
-    def __init__(self, state: State, speed: float) -> None:
+    start_s: what came before, counted from the first message, is not waited for.
+    """
+
+    def __init__(self, state: State, speed: float, start_s: float = 0.0) -> None:
         self._console = Console(state, sys.stdout)
         self._speed = speed
+        self._start_s = start_s
         self._start = time.monotonic()
         self._first = math.nan
         self._next_frame = self._start
@@ -41,7 +45,7 @@ class Player:
             self._truths.append(message)
         elif isinstance(message, Displacement):  # they come all the time, and at once
             self._first = message.time if math.isnan(self._first) else self._first
-            self._wait((message.time - self._first) / self._speed)
+            self._wait_for(message.time - self._first - self._start_s)
         if made:
             self._estimate = made[-1]
         if message is None:
@@ -59,7 +63,12 @@ class Player:
             self._console.look(Now(self._estimate, time, truth))
         self._console.draw()
 
-    def _wait(self, due: float) -> None:
+    def _wait_for(self, seconds: float) -> None:
+        """Wait until so much of what is shown is over; negative: it has not begun."""
+        if seconds < 0.0:
+            self._start = time.monotonic()
+            return
+        due = seconds / self._speed
         while True:
             now = time.monotonic()
             if now >= self._next_frame:
@@ -91,6 +100,19 @@ Examples:
     type=click.FloatRange(0.0, min_open=True),
     help="Show it on the screen, so many times as fast as it was.",
 )
+@click.option(
+    "--from",
+    "start_s",
+    type=click.FloatRange(0.0),
+    metavar="SECONDS",
+    default=0.0,
+    help="With --speed: begin to show it there; what came before is run through at once.",
+)
+@click.option(
+    "--from-bytes",
+    is_flag=True,
+    help="Decode again what lidar and board sent, instead of reading what was made of it then.",
+)
 @options.json_option
 def replay(
     file: Path,
@@ -98,13 +120,18 @@ def replay(
     filter_name: str | None,
     sensors: str | None,
     speed: float | None,
+    start_s: float,
+    from_bytes: bool,
     json_path: Path | None,
 ) -> None:
     """Run a recording through the localizer again, as fast as possible.
 
+    A recording that is damaged is replayed up to there.
     With the recording's own configuration the estimates are compared with the recorded ones;
     exit code 1 where a bit differs.
     """
+    if start_s and speed is None:
+        raise click.UsageError("--from needs --speed: nothing is shown without it")
     recording = Recording(file)
     robot = recording.header.config if robot_path is None else robot_configuration(robot_path)
     robot = with_filter(robot, filter_name or robot.filter.profile)
@@ -113,10 +140,13 @@ def replay(
     with contextlib.ExitStack() as stack:
         if speed is not None:
             title = f"{file} (recorded)"
-            player = Player(State(title, robot.filter.profile, sensors), speed)
+            player = Player(State(title, robot.filter.profile, sensors), speed, start_s)
             stack.callback(player.close)
             watchers.append(player.take)
-        replayed = replay_recording(recording, robot, sensors, watchers)
+        else:
+            progress = stack.enter_context(options.progress_bar())
+            watchers.append(lambda *_: progress(100.0 * recording.share, 100.0))
+        replayed = replay_recording(recording, robot, sensors, watchers, from_bytes)
     click.echo(summary(replayed.figures))
     options.write_json(json_path, replayed.figures)
     replayed.check()

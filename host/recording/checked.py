@@ -75,6 +75,11 @@ class CheckedMcap:
         self._number = 0  # of our next record
         self._repaired = ""
 
+    @property
+    def share(self) -> float:
+        """How much of the file has been read, 0 to 1."""
+        return self._place / self._size if self._size else 0.0
+
     def records(self) -> Iterator[tuple[McapMessage, bytes]]:
         """Our records with their content."""
         for record, data in self.all_records():

@@ -170,6 +170,7 @@ class Recording:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.remarks: list[str] = []
+        self.share = 0.0  # of the file that `messages` has read
         self._old = None if is_mcap(self.path) else json_lines.JsonLines(self.path)
         if self._old is not None:
             self.header = _header(self.path, self._old.header, json_lines.FORMAT_VERSION)
@@ -191,6 +192,7 @@ class Recording:
             if not data.startswith((HEADER, END)):
                 with file.checking():
                     made = content.decode(data, self._layout)
+                self.share = file.share
                 yield from made
         self.remarks = file.remarks
 

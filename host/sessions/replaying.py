@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator import profiles
@@ -18,8 +19,8 @@ from host.evaluation.truth_scoring import score_by_track
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
 from host.recording.log import Recording
+from host.sessions.decoding import Redecoder
 from host.sessions.figures import Tally, rounded, timing
-from host.sessions.runs import read_as
 from host.sources.sensors import uses
 
 Watcher = Callable[[Message | None, Sequence[Estimate]], None]
@@ -76,14 +77,17 @@ class Replayed:
     """figures: of the summary, by name. comparison: None where there is nothing to compare with.
 
     There is nothing where the recording holds no estimate, or filter, sensors or configuration are
-    not the recording's.
+    not the recording's. damage: what ended it early.
     """
 
     figures: dict[str, Any]
     comparison: Comparison | None
+    damage: UserError | None = None
 
     def check(self) -> None:
-        """Raise UserError where an estimate differs from the recorded one."""
+        """Raise UserError where the recording is damaged, or an estimate differs from it."""
+        if self.damage is not None:
+            raise self.damage
         if self.comparison is None or not self.comparison.different:
             return
         raise UserError(
@@ -99,16 +103,20 @@ def replay_recording(
     robot: RobotConfig | None = None,
     sensors: str | None = None,
     watchers: Sequence[Watcher] = (),
+    from_bytes: bool = False,
 ) -> Replayed:
-    """Run a recording through the localizer to its end, as fast as possible.
+    """Run a recording through the localizer to its end or to its damage, as fast as possible.
 
     robot, sensors: the recording's own where None. watchers: called with each message, None after
-    the last, and the estimates made of it.
+    the last, and the estimates made of it. from_bytes: decode the devices' bytes again.
     """
     header = recording.header
     robot, sensors = robot or header.config, sensors or header.sensors
     comparison = Comparison()
-    figures = _replay(recording, robot, sensors, [comparison.take, *watchers])
+    readable = _Readable(recording, from_bytes)
+    seen = Reinterpretation(header.config, robot)
+    messages = map(seen.of, readable.messages())
+    figures = _replay(messages, robot, sensors, [comparison.take, *watchers])
     same = robot == header.config and sensors == header.sensors
     if not comparison.any_recorded:
         verdict = "none in the recording to compare with"
@@ -119,13 +127,37 @@ def replay_recording(
             f"{comparison.equal} bit-identical, {comparison.different} different from the recorded"
         )
     figures["recorded_estimates"] = verdict
-    if recording.remarks:
-        figures["recording"] = "; ".join(recording.remarks)
-    return Replayed(figures, comparison if same and comparison.any_recorded else None)
+    damage = readable.damage
+    if recording.remarks or damage:
+        figures["recording"] = damage.what if damage else "; ".join(recording.remarks)
+    compared = comparison if same and comparison.any_recorded else None
+    return Replayed(figures, compared, damage)
+
+
+class _Readable:
+    """The messages of a recording up to its damage, if there is any."""
+
+    def __init__(self, recording: Recording, from_bytes: bool) -> None:
+        self.damage: UserError | None = None
+        self._recording = recording
+        self._from_bytes = from_bytes
+
+    def messages(self) -> Iterator[Message]:
+        """Yield them."""
+        if self._from_bytes:
+            yield from Redecoder(self._recording.header.config).of(self._sound())
+        else:
+            yield from self._sound()
+
+    def _sound(self) -> Iterator[Message]:
+        try:
+            yield from self._recording.messages()
+        except UserError as error:
+            self.damage = error
 
 
 def _replay(
-    recording: Recording, robot: RobotConfig, sensors: str, watchers: Sequence[Watcher]
+    messages: Iterator[Message], robot: RobotConfig, sensors: str, watchers: Sequence[Watcher]
 ) -> dict[str, Any]:
     """Replay to the end; return the figures."""
     update_seconds: list[float] = []
@@ -135,7 +167,6 @@ def _replay(
     )
     tally, truths, times = Tally(), list[Truth](), list[float]()
     begin = time.monotonic()
-    messages = read_as(recording, robot)
     for message, made in _steps(messages, Localizer(robot, monitored), sensors):
         for watch in watchers:
             watch(message, made)
