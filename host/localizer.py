@@ -28,6 +28,7 @@ from host.messages import (
     Scan,
 )
 from host.perception import turrets
+from host.perception.odometry_gains import OdometryGains
 
 AnyReadings = TypeVar("AnyReadings", bound=Positions | Bearings)
 
@@ -62,6 +63,7 @@ class Localizer:
         self.malformed = 0  # messages that cannot be what they claim to be
         self.fault: str | None = None  # what was wrong with the last one of these
         self.consistency = Consistency()
+        self.odometry = OdometryGains(config.lidar)
         self._config = config
         self._filter = estimator
         self._recent: deque[Estimate] = deque(maxlen=8)  # of the time that pictures are late by
@@ -85,7 +87,7 @@ class Localizer:
             return []
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
-            self._path.append(message)
+            self._path.append(self.odometry.corrected(message))
             return self._release(self._until()) + self._follow()
         heapq.heappush(self._waiting, (message.time, self._count, message))
         self._count += 1
@@ -160,6 +162,7 @@ class Localizer:
         self.measured = max(self.measured, measurement.time)
         readings = measurement
         if isinstance(readings, Scan):
+            self.odometry.take(readings, self._path)
             readings = turrets.find(readings, self._config.lidar, self._path)
         present = self._to_present(readings)
         try:

@@ -25,6 +25,7 @@ _NOW_S = 0.1  # between two looks at what is known now
 LOCALIZER = "localizer"
 DRIVER = "driver"
 NOISE = "noise settings"
+GAINS = "odometry gains"
 _POLL_S = 0.1
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
 _DRAIN_S = 0.3  # for what is queued by then
@@ -47,6 +48,20 @@ class Driver(Source, Protocol):
 
     def know(self, estimate: Estimate, /) -> None:
         """Note where teammates are now, ten times a second, in the localizer's thread."""
+
+
+class Judge(Protocol):
+    """What compares settings with the data."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there were enough data."""
+
+    def fault(self) -> str | None:
+        """What is wrong, with the next step; None where nothing is."""
+
+    def summary(self) -> str:
+        """What was found, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +276,11 @@ class Pipeline:
             reason += "; check what sends it"
         ok = not dropped and not malformed and slow is None
         self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))
-        noise = self._localizer.consistency
-        if noise.known:
-            wrong = noise.fault()
-            self._deliver(Health(now, NOISE, wrong is None, wrong or noise.summary(), {}))
+        judges: dict[str, Judge] = {
+            NOISE: self._localizer.consistency,
+            GAINS: self._localizer.odometry,
+        }
+        for name, judge in judges.items():
+            if judge.known:
+                wrong = judge.fault()
+                self._deliver(Health(now, name, wrong is None, wrong or judge.summary(), {}))

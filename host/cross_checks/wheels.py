@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import RobotConfig
-from host.cross_checks.scan_match import Surroundings
 from host.errors import UserError
 from host.geometry import Path, to_parent, wrap
 from host.messages import FloatArray, Scan
+from host.perception.scan_match import Surroundings
 
 _INTERVAL_S = (1.0, 1.6)  # between two scans that are compared
 _FEWEST_RETURNS = 60

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import Lidar
-from host.cross_checks.scan_match import Surroundings
 from host.geometry import to_parent
 from host.messages import FloatArray, Scan
+from host.perception.scan_match import Surroundings
 
 _FEWEST_RETURNS = 60
 _FITS = 0.4  # not more than this share of the returns has nothing near it in the scan before

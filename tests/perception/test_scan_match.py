@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from host.cross_checks.scan_match import Surroundings
 from host.geometry import to_frame
 from host.messages import FloatArray
+from host.perception.scan_match import Surroundings
 
 STEP_M = 0.02
 
