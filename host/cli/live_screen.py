@@ -23,7 +23,7 @@ NO_VIEW = ("", 0)
 JOURNAL_S = 60.0  # between two lines of a service
 
 
-def _address(
+def address_given(
     ctx: click.Context, param: click.Parameter, value: str | None
 ) -> tuple[str, int] | None:
     """(address, port) of ADDRESS:PORT, NO_VIEW of "none"; None where nothing is given."""
@@ -31,9 +31,9 @@ def _address(
         return None
     if value == "none":
         return NO_VIEW
-    address, _, port = value.rpartition(":")
+    host, _, port = value.rpartition(":")
     try:
-        return str(ipaddress.ip_address(address.strip("[]"))), int(port)
+        return str(ipaddress.ip_address(host.strip("[]"))), int(port)
     except ValueError:
         raise click.BadParameter(
             f"{value!r} is not like 127.0.0.1:8737 or [::1]:8737, and not none."
@@ -43,7 +43,7 @@ def _address(
 view_option = click.option(
     "--view",
     metavar="ADDRESS:PORT",
-    callback=_address,
+    callback=address_given,
     help="Where to serve the live page: 0.0.0.0:8737 shares it with who has the printed address; "
     "none serves none.  [default: this computer alone, 127.0.0.1:8737 or a free port]",
 )

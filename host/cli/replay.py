@@ -1,83 +1,22 @@
 """`swarmloc replay`: a recording through the localizer again."""
 
 import contextlib
-import math
-import sys
-import time
-from collections import deque
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from host.cli import options
-from host.cli.console import FRAME_S, Console, State
+from host.cli.console import State
+from host.cli.live_screen import NO_VIEW, address_given
+from host.cli.player import Player, play
 from host.cli.summary import summary
-from host.messages import Displacement, Estimate, Health, Message, Truth
-from host.pipeline import Now
 from host.recording.log import SUFFIX, Recording
-from host.sessions.replaying import replay_recording
+from host.sessions.replaying import Replayed, replay_recording
 from host.sessions.robot import robot_configuration, with_filter
 from host.sources.sensors import SENSORS
-
-
-class Player:
-    """Shows messages on the screen, `speed` times as fast as they came.
-
-    start_s: what came before, counted from the first message, is not waited for.
-    """
-
-    def __init__(self, state: State, speed: float, start_s: float = 0.0) -> None:
-        self._console = Console(state, sys.stdout)
-        self._speed = speed
-        self._start_s = start_s
-        self._start = time.monotonic()
-        self._first = math.nan
-        self._next_frame = self._start
-        self._estimate: Estimate | None = None
-        self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
-
-    def take(self, message: Message | None, made: Sequence[Estimate]) -> None:
-        """Wait until a message is due, then show it and what was made of it."""
-        if isinstance(message, Health):
-            self._console.take(message)
-        elif isinstance(message, Truth):
-            self._truths.append(message)
-        elif isinstance(message, Displacement):  # they come all the time, and at once
-            self._first = message.time if math.isnan(self._first) else self._first
-            self._wait_for(message.time - self._first - self._start_s)
-        if made:
-            self._estimate = made[-1]
-        if message is None:
-            self._draw()
-
-    def close(self) -> None:
-        """Give the terminal back."""
-        self._console.close()
-
-    def _draw(self) -> None:
-        """The newest estimate, with the truth that is closest to it in time, before or after."""
-        if self._estimate is not None:
-            time = self._estimate.time
-            truth = min(self._truths, key=lambda each: abs(each.time - time), default=None)
-            self._console.look(Now(self._estimate, time, truth))
-        self._console.draw()
-
-    def _wait_for(self, seconds: float) -> None:
-        """Wait until so much of what is shown is over; negative: it has not begun."""
-        if seconds < 0.0:
-            self._start = time.monotonic()
-            return
-        due = seconds / self._speed
-        while True:
-            now = time.monotonic()
-            if now >= self._next_frame:
-                self._next_frame = now + FRAME_S
-                self._draw()
-            left = self._start + due - now
-            if left <= 0.0:
-                return
-            time.sleep(min(left, FRAME_S))
+from host.viewer.playback import Playback
+from host.viewer.scene import Scene
+from host.viewer.server import Viewer
 
 
 @click.command(
@@ -85,7 +24,8 @@ class Player:
     epilog=f"""\b
 Examples:
   swarmloc replay today{SUFFIX}
-  swarmloc replay today{SUFFIX} --filter perera2021 --speed 1""",
+  swarmloc replay today{SUFFIX} --filter perera2021 --speed 1
+  swarmloc replay today{SUFFIX} --view 127.0.0.1:8737""",
 )
 @click.argument("file", type=click.Path(path_type=Path))
 @options.robot_or_recordings_option
@@ -106,12 +46,18 @@ Examples:
     type=click.FloatRange(0.0),
     metavar="SECONDS",
     default=0.0,
-    help="With --speed: begin to show it there; what came before is run through at once.",
+    help="With --speed or --view: begin to show it there; what came before is run through at once.",
 )
 @click.option(
     "--from-bytes",
     is_flag=True,
     help="Decode again what lidar and board sent, instead of reading what was made of it then.",
+)
+@click.option(
+    "--view",
+    metavar="ADDRESS:PORT",
+    callback=address_given,
+    help="Show it on the live page there, with a time bar, until Ctrl-C.",
 )
 @options.json_option
 def replay(
@@ -122,6 +68,7 @@ def replay(
     speed: float | None,
     start_s: float,
     from_bytes: bool,
+    view: tuple[str, int] | None,
     json_path: Path | None,
 ) -> None:
     """Run a recording through the localizer again, as fast as possible.
@@ -130,23 +77,36 @@ def replay(
     With the recording's own configuration the estimates are compared with the recorded ones;
     exit code 1 where a bit differs.
     """
-    if start_s and speed is None:
-        raise click.UsageError("--from needs --speed: nothing is shown without it")
+    if start_s and speed is None and view is None:
+        raise click.UsageError("--from needs --speed or --view: nothing is shown without them")
     recording = Recording(file)
     robot = recording.header.config if robot_path is None else robot_configuration(robot_path)
     robot = with_filter(robot, filter_name or robot.filter.profile)
     sensors = sensors or recording.header.sensors
-    watchers = []
+
+    def once(player: Player) -> Replayed:
+        return replay_recording(
+            recording, robot, sensors, [player.take], from_bytes, used=player.used
+        )
+
     with contextlib.ExitStack() as stack:
-        if speed is not None:
-            title = f"{file} (recorded)"
-            player = Player(State(title, robot.filter.profile, sensors), speed, start_s)
-            stack.callback(player.close)
-            watchers.append(player.take)
-        else:
+        if speed is None and view in (None, NO_VIEW):
             progress = stack.enter_context(options.progress_bar())
-            watchers.append(lambda *_: progress(100.0 * recording.share, 100.0))
-        replayed = replay_recording(recording, robot, sensors, watchers, from_bytes)
-    click.echo(summary(replayed.figures))
-    options.write_json(json_path, replayed.figures)
-    replayed.check()
+            show = [lambda *_: progress(100.0 * recording.share, 100.0)]
+            done: Replayed | None = replay_recording(recording, robot, sensors, show, from_bytes)
+        else:
+            playback = Playback.of(recording.messages(), speed or 1.0, start_s)
+            state = State(f"{file} (recorded)", robot.filter.profile, sensors)
+            viewer = None
+            if view not in (None, NO_VIEW):
+                scene = Scene(robot, robot.filter.profile, playback=playback)
+                viewer = stack.enter_context(Viewer(scene, *view))
+                state.page = viewer.url
+            done = play(once, playback, state, viewer)
+    if done is None and view is None:
+        raise click.Abort
+    if done is None:
+        return
+    click.echo(summary(done.figures))
+    options.write_json(json_path, done.figures)
+    done.check()

@@ -16,8 +16,18 @@ from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
 from host.evaluation.monitored import MonitoredFilter
 from host.evaluation.truth_scoring import score_by_track
-from host.localizer import Localizer
-from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
+from host.localizer import Localizer, unnoticed
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    Health,
+    Measurement,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
 from host.recording.log import Recording
 from host.sessions.decoding import Redecoder
 from host.sessions.figures import Tally, rounded, timing
@@ -104,11 +114,13 @@ def replay_recording(
     sensors: str | None = None,
     watchers: Sequence[Watcher] = (),
     from_bytes: bool = False,
+    used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
 ) -> Replayed:
     """Run a recording through the localizer to its end or to its damage, as fast as possible.
 
     robot, sensors: the recording's own where None. watchers: called with each message, None after
-    the last, and the estimates made of it. from_bytes: decode the devices' bytes again.
+    the last, and the estimates made of it. from_bytes: decode the devices' bytes again. used:
+    called with each measurement and what was found in it.
     """
     header = recording.header
     robot, sensors = robot or header.config, sensors or header.sensors
@@ -116,7 +128,7 @@ def replay_recording(
     readable = _Readable(recording, from_bytes)
     seen = Reinterpretation(header.config, robot)
     messages = map(seen.of, readable.messages())
-    figures = _replay(messages, robot, sensors, [comparison.take, *watchers])
+    figures = _replay(messages, robot, sensors, [comparison.take, *watchers], used)
     same = robot == header.config and sensors == header.sensors
     if not comparison.any_recorded:
         verdict = "none in the recording to compare with"
@@ -157,7 +169,11 @@ class _Readable:
 
 
 def _replay(
-    messages: Iterator[Message], robot: RobotConfig, sensors: str, watchers: Sequence[Watcher]
+    messages: Iterator[Message],
+    robot: RobotConfig,
+    sensors: str,
+    watchers: Sequence[Watcher],
+    used: Callable[[Measurement, Positions | Bearings], None],
 ) -> dict[str, Any]:
     """Replay to the end; return the figures."""
     update_seconds: list[float] = []
@@ -167,7 +183,7 @@ def _replay(
     )
     tally, truths, times = Tally(), list[Truth](), list[float]()
     begin = time.monotonic()
-    for message, made in _steps(messages, Localizer(robot, monitored), sensors):
+    for message, made in _steps(messages, Localizer(robot, monitored, used), sensors):
         for watch in watchers:
             watch(message, made)
         if isinstance(message, Truth):

@@ -166,6 +166,7 @@ function drawRuler() {
 function tell() {
   at("robot").textContent = "swarmloc  " + scene.robot;
   at("about").textContent = "filter " + scene.filter;
+  tellPlayback(scene.playback);
   at("seen").hidden = !scene.pictures.length;
   at("count").textContent = scene.estimates.length + (scene.truth ? " (truly within 2 m: " + scene.truth.filter(t => Math.hypot(t.x, t.y) <= 2).length + ")" : "");
   at("error").hidden = !scene.truth;
@@ -197,9 +198,9 @@ function sayState() {
   const silent = scene ? scene.time - scene.measured : 0;
   const lost = performance.now() - heard > LOST_MS;
   const text = lost ? (heard ? "connection lost" : "connecting") : view.paused ? "paused"
-    : silent > SILENT_S ? "nothing measured for " + silent.toFixed(1) + " s" : "live";
+    : scene.playback ? "recorded" : silent > SILENT_S ? "nothing measured for " + silent.toFixed(1) + " s" : "live";
   if (at("state").textContent !== text) at("state").textContent = text;
-  at("state").className = text === "live" || text === "paused" ? "" : "bad";
+  at("state").className = ["live", "paused", "recorded"].includes(text) ? "" : "bad";
 }
 
 const strips = [["teammates", 1, 0], ["total weight", 2, 1], ["ms since a reading", 3, 0]].map(([name, column, decimals]) => {
@@ -242,14 +243,14 @@ at("pause").onclick = () => press("pause", "paused");
 at("north").onclick = () => press("north", "northUp");
 at("measure").onclick = () => press("measure", "measuring");
 at("fit").onclick = fit;
-const keys = {" ": () => press("pause", "paused"), n: () => press("north", "northUp"), m: () => press("measure", "measuring"), f: fit, p: () => at("pictures").click(),
+const keys = {" ": () => scene && scene.playback ? togglePlay() : press("pause", "paused"), ".": () => ask({do: "step"}), n: () => press("north", "northUp"), m: () => press("measure", "measuring"), f: fit, p: () => at("pictures").click(),
   "+": () => zoom(1.25, centre()), "-": () => zoom(.8, centre()),
   ArrowLeft: () => pan(40, 0), ArrowRight: () => pan(-40, 0), ArrowUp: () => pan(0, 40), ArrowDown: () => pan(0, -40)};
 const centre = () => [map.clientWidth / 2, map.clientHeight / 2];
 function pan(x, y) { view.x += x; view.y += y; draw(); }
 document.addEventListener("keydown", event => {
   const plain = !event.ctrlKey && !event.metaKey && !event.altKey;
-  if (plain && keys[event.key] && !["BUTTON", "INPUT"].includes(event.target.tagName)) { keys[event.key](); event.preventDefault(); }
+  if (plain && keys[event.key] && !["BUTTON", "INPUT", "SELECT"].includes(event.target.tagName)) { keys[event.key](); event.preventDefault(); }
 });
 
 // One finger or the mouse pans, two pinch.

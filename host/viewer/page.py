@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 
-_PARTS = ("page.css", "page.js", "pictures.js")
+_PARTS = ("page.css", "page.js", "pictures.js", "playback.js")
 
 
 def page() -> str:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from host.messages import (
 )
 from host.perception.turret_segments import place
 from host.pipeline import Now
+from host.viewer.playback import Playback
 
 SCHEMA = "swarmloc.stream/1"
 VALID_S = 0.5  # who hears nothing newer for so long is to take the stream as lost
@@ -34,11 +36,22 @@ class Scene:
     Not for several threads: `take` and `tell` belong to the localizer's.
     """
 
-    def __init__(self, config: RobotConfig, filter_name: str, pictures: Sequence[str] = ()) -> None:
-        """pictures: the cameras whose pictures a reader can ask for."""
-        self._config = config
+    def __init__(
+        self,
+        config: RobotConfig,
+        filter_name: str,
+        pictures: Sequence[str] = (),
+        playback: Playback | None = None,
+    ) -> None:
+        """pictures: the cameras whose pictures a reader can ask for; playback: of a replay."""
         self.pictures = pictures
+        self.playback = playback
+        self._config = config
         self._filter_name = filter_name
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all that was taken: a replay begins anew."""
         self._path = Path()
         self._scan: Scan | None = None
         self._candidates: Positions | None = None
@@ -86,6 +99,7 @@ class Scene:
                 for sector in self._config.lidar.blind_sectors
             ],
             "pictures": list(self.pictures),
+            "playback": None if self.playback is None else asdict(self.playback.position),
             "devices": [
                 {"name": name, "ok": health.ok, "reason": health.reason, "counts": health.counts}
                 for name, health in self._devices.items()

@@ -27,7 +27,7 @@ from host.viewer.page import page
 from host.viewer.scene import Scene, blobs
 
 DEFAULT_PORT = 8737
-_STREAM, _PICTURES = "/stream", "/pictures"
+_STREAM, _PICTURES, _PLAYBACK = "/stream", "/pictures", "/playback"
 _PICTURE_S = 0.2  # between two pictures of a camera
 # The page may use what is in it and talk to this server; nothing else, and nobody may frame it.
 _NO_WEB = (
@@ -55,6 +55,9 @@ class Viewer:
         self._loop = asyncio.new_event_loop()
         of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
         self._channels = {path: Channel() for path in (_STREAM, *of_cameras)}
+        self._serving = {path: channel.serve for path, channel in self._channels.items()}
+        if scene.playback is not None:
+            self._serving[_PLAYBACK] = self._obey
         self._due = dict.fromkeys(scene.pictures, 0.0)  # when the next picture may go, s
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
@@ -76,6 +79,10 @@ class Viewer:
     def take(self, message: Message) -> None:
         """Note a message, in the localizer's thread."""
         self._scene.take(message)
+
+    def clear(self) -> None:
+        """Forget what was taken: a replay begins anew."""
+        self._scene.clear()
 
     def look(self, now: Now) -> None:
         """Tell the readers what is known now, in the localizer's thread; nothing without any."""
@@ -133,10 +140,10 @@ class Viewer:
         path = _path(request)
         if refusal:
             return connection.respond(http.HTTPStatus.FORBIDDEN, refusal + "\n")
-        if path in self._channels:
+        if path in self._serving:
             return None
         if path != "/":
-            known = ", ".join(["/", *self._channels])
+            known = ", ".join(["/", *self._serving])
             return connection.respond(http.HTTPStatus.NOT_FOUND, f"there is {known}\n")
         headers = Headers(
             {
@@ -153,7 +160,17 @@ class Viewer:
     async def _read(self, connection: ServerConnection) -> None:
         """Serve one reader until it goes."""
         assert connection.request is not None
-        await self._channels[_path(connection.request)].serve(connection)
+        await self._serving[_path(connection.request)](connection)
+
+    async def _obey(self, connection: ServerConnection) -> None:
+        """Do with the replay what a reader asks for; what cannot be done is answered in words."""
+        assert self._scene.playback is not None
+        async for message in connection:
+            try:
+                wish = json.loads(message)
+                self._scene.playback.command(wish["do"], wish.get("to"))
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
+                await connection.send(_json({"error": f"not done: {error}"}))
 
 
 def _json(content: dict[str, Any]) -> str:

@@ -165,3 +165,43 @@ def test_pictures_are_drawn_with_their_blobs_while_they_are_wanted(served, brows
     while running.viewer.asked("front"):
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory):
+    """The address of a page on which eight recorded seconds are replayed, and the run's output."""
+    path = tmp_path_factory.mktemp("replay") / "short.swarmloc"
+    command = [sys.executable, "-u", "-m", "host.cli"]
+    record = ["simulate", "arena4:seconds=8,seed=2", "--output", str(path)]
+    subprocess.run([*command, *record], check=True, stdout=subprocess.DEVNULL)
+    with subprocess.Popen(
+        [*command, "replay", str(path), "--view", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
+    ) as run:
+        yield next(filter(None, (re.findall(r"http://\S+", line) for line in run.stdout)))[0]
+        run.terminate()
+        rest = run.communicate()[0]
+    assert run.returncode == 0, rest
+    assert "Summary" in rest
+
+
+def test_a_recording_is_played_paused_stepped_and_sought_on_the_page(replayed, browser):
+    driver = browser.driver
+    driver.get(replayed)
+    browser.wait_for("scene && scene.estimates.length && !at('playback').hidden")
+    assert browser.wait_for("at('state').textContent") == "recorded"
+    driver.find_element("tag name", "body").send_keys(" ")
+    browser.wait_for("!scene.playback.playing && at('play').textContent === 'play'")
+    before = driver.execute_script("return [scene.playback.now, scene.time]")
+    driver.find_element("id", "step").click()
+    stepped = browser.wait_for(f"scene.time > {before[1]} && scene.playback.now")
+    assert stepped < before[0] + 0.5
+    seek = "const bar = at('when'); bar.value = {}; bar.onchange({{target: bar}})"
+    driver.execute_script(seek.format(6.0))
+    browser.wait_for("scene.playback.now - scene.playback.begin > 5.9 && scene.scan.length > 100")
+    driver.execute_script(seek.format(2.0))
+    browser.wait_for("Math.abs(scene.playback.now - scene.playback.begin - 2) < 0.1")
+    assert driver.find_element("id", "clock").text.startswith("0:0")
+    assert not browser.driver.execute_script("return scene.playback.playing")
+    driver.execute_script("at('speed').value = 16; at('speed').onchange({target: at('speed')})")
+    driver.find_element("id", "play").click()
+    browser.wait_for("scene.playback.end - scene.playback.now < 0.05 && !scene.playback.playing")
