@@ -8,6 +8,7 @@ from host.cli.calibrate import calibrate
 from host.cli.doctor import doctor
 from host.cli.drive import drive
 from host.cli.evaluate import evaluate
+from host.cli.export import export_command
 from host.cli.flash import flash_command
 from host.cli.init import init
 from host.cli.print_sheets import print_group
@@ -86,6 +87,7 @@ for command in (
     simulate,
     record,
     replay,
+    export_command,
     evaluate,
     sweep_command,
     flash_command,

@@ -20,9 +20,9 @@ from host.evaluation.curves import gospa_over_time, pair_errors
 from host.evaluation.metrics import Instant
 from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT
 from host.experiments.published import beside_published
-from host.recording.log import Recording
 from host.registry import SCENARIOS, load_plugin
 from host.sessions import evaluating, runs
+from host.simulation.world.scenarios import Scenario
 
 OVER_TIME_BIN_S = 2.5
 Settings = tuple[tuple[str, Any], ...]  # of robot.toml: (("filter.report_weight", 0.5), ...)
@@ -49,7 +49,7 @@ class Trial:
         if self.robot is not None:
             return self.robot
         found = runs.find_source(faults.split(self.source)[0])
-        return found.header.config if isinstance(found, Recording) else RobotConfig()
+        return RobotConfig() if isinstance(found, Scenario) else found.header.config
 
     def config(self) -> RobotConfig:
         """The configuration in effect. Raises UserError for a setting that cannot be."""

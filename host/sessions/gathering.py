@@ -10,11 +10,11 @@ from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
 from host.pipeline import LOCALIZER
-from host.recording.log import Recording
 from host.sessions.running import RunOutcome, never, run_devices
 from host.sessions.runs import Progress, find_source, read_as, simulated, unseen
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.world import scenarios
+from host.simulation.world.scenarios import Scenario
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
 
@@ -45,7 +45,7 @@ def gather_source(
     recording's own. Raises UserError.
     """
     found = find_source(source)
-    if isinstance(found, Recording):
+    if not isinstance(found, Scenario):
         config = robot or found.header.config
         gathered = Gathered(config)
         messages: Iterable[Message] = read_as(found, config)

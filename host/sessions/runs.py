@@ -28,6 +28,7 @@ from host.messages import (
     Scan,
     Truth,
 )
+from host.recording.bags import PREFIX, Bag
 from host.recording.log import SUFFIXES, Recording
 from host.sessions.swarming import Swarm
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
@@ -36,6 +37,7 @@ from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
 from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, LIDAR_ONLY, SENSORS, uses
 
+Recorded = Recording | Bag
 # Called as data come in, with the time reached and the whole duration, in s.
 Progress = Callable[[float, float], None]
 
@@ -90,12 +92,18 @@ class Run:
         return scored
 
 
-def find_source(source: str) -> Recording | Scenario:
+def find_source(source: str) -> Recorded | Scenario:
     """The recording or the scenario that a source names. Raises UserError where it is neither."""
     path = Path(source)
-    if path.suffix in SUFFIXES or path.is_file():
-        return Recording(path)
+    if source.startswith(PREFIX) or path.suffix in SUFFIXES or path.is_file():
+        return open_recording(source)
     return scenarios.parse_scenario(source)
+
+
+def open_recording(source: str | Path) -> Recorded:
+    """A recording, or a ROS bag as bag:FILE,scan=TOPIC,... Raises UserError."""
+    bag = isinstance(source, str) and source.startswith(PREFIX)
+    return Bag(str(source)) if bag else Recording(source)
 
 
 def load_run(source: str, robot: RobotConfig | None, truth: TruthFile | None = None) -> Run:
@@ -131,7 +139,7 @@ def load_recording(
     robot: read it as if it were taken with this configuration; None: with its own. Raises
     UserError for a file that is not there or cannot be read.
     """
-    recording = Recording(Path(path))
+    recording = open_recording(path)
     config = robot or recording.header.config
     stream = read_as(recording, config)
     if truth is not None:
@@ -152,7 +160,7 @@ def simulate_scenario(scenario: str, robot: RobotConfig | None = None) -> Run:
     return Run(scenario, str(OBSERVER), simulation.config, messages, truths, parsed)
 
 
-def read_as(recording: Recording, config: RobotConfig) -> Iterator[Message]:
+def read_as(recording: Recorded, config: RobotConfig) -> Iterator[Message]:
     """The messages of a recording as `config` would have had them."""
     seen = Reinterpretation(recording.header.config, config)
     return map(seen.of, recording.messages())

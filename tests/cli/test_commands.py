@@ -16,7 +16,7 @@ from host.messages import DeviceBytes, Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.sessions import runs
 
-COMMANDS = ("run", "flash", "simulate", "record", "replay", "evaluate", "sweep")
+COMMANDS = ("run", "flash", "simulate", "record", "replay", "export", "evaluate", "sweep")
 KEYS = [
     *("source", "observer", "filter", "sensors", "seconds", "gospa_m", "localisation_m", "missed"),
     *("false", "stray", "time_over_30cm", "rmse_m", "p67_m", "cardinality_error"),
@@ -48,7 +48,7 @@ def test_help_has_an_example_and_figures_as_json(command):
         return
     default = (
         "the recording's, else a Cherokey"
-        if command in ("replay", "evaluate", "sweep")
+        if command in ("replay", "export", "evaluate", "sweep")
         else "a Cherokey"
     )
     assert f"[default: {default}]" in " ".join(done.output.split())
