@@ -17,7 +17,7 @@ from host.sessions.robot import robot_configuration
 Examples:
   swarmloc export today{SUFFIX} today/
   swarmloc export old.swarmloc old{SUFFIX}
-  swarmloc export bag:hall.bag,scan=/scan,odom=/odom hall{SUFFIX} --robot robot.toml
+  swarmloc export bag:hall.bag,scan=/scan hall{SUFFIX} --robot robot.toml
   swarmloc export bag:hall/,own=/a/pose,others=/b/pose+/c/pose hall{SUFFIX}""",
 )
 @click.argument("source")
