@@ -17,6 +17,9 @@ from host.perception.red_strip import OneColourSearch
 from host.perception.strip_geometry import StripGeometry
 from host.perception.two_colour_strip import TwoColourSearch
 
+_SPARSE = 8  # of so many pixels a side, one is asked whether it has colour
+_COLOURLESS = 4  # levels of 255 between the channels: no camera that sees colour stays below
+
 
 class PatternSearch(Protocol):
     """Finds the strips of one pattern in reduced pictures."""
@@ -37,8 +40,8 @@ def pattern_search(
 class StripFinder:
     """Finds teammates' strips in one camera's pictures. For one thread.
 
-    counts: pictures searched, those not used and blobs dropped, each by its reason, and strips
-    found. name: of the camera, as its Bearings name it.
+    counts: pictures searched, those not used, those without any colour and blobs dropped, each by
+    its reason, and strips found. name: of the camera, as its Bearings name it.
     """
 
     def __init__(self, cameras: Cameras, camera: Camera, name: str = "") -> None:
@@ -82,6 +85,14 @@ class StripFinder:
         except UnusableError as error:
             self.counts[f"pictures_{error}"] += 1
             raise
+        if _is_colourless(picture):
+            self.counts["pictures_colourless"] += 1
         blobs = self._pattern.blobs_in(picture)
         self.counts.update("strips" if blob.kept else f"dropped_{blob.reason}" for blob in blobs)
         return blobs
+
+
+def _is_colourless(picture: Image) -> bool:
+    """Whether a picture (h, w, 3) is black and white: no strip can be found in it."""
+    sparse = picture[::_SPARSE, ::_SPARSE]
+    return bool((sparse.max(axis=2) - sparse.min(axis=2)).max() < _COLOURLESS)

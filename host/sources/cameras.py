@@ -32,7 +32,7 @@ class StripCamera:
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Bearings of each picture, and the driver's Health with the search's counts.
 
-        Health is not ok where the decoder finds many pictures damaged.
+        Health is not ok where the decoder finds many pictures damaged, or none has colour.
         """
         before = Counter(self._finder.counts)
 
@@ -57,9 +57,19 @@ class StripCamera:
         ok, reason = health.ok, health.reason
         if ok and torn > TORN_SHARE * searched:
             ok, reason = False, str(many_torn(torn / searched))
+        elif ok and searched and news["pictures_colourless"] == searched:
+            ok, reason = False, str(_colourless())
         elif ok and self._remark:
             reason += f", {self._remark}"
         return dataclasses.replace(health, ok=ok, reason=reason, counts={**health.counts, **counts})
+
+
+def _colourless() -> UserError:
+    return UserError(
+        "the pictures are black and white: no strip can be found in them",
+        "the camera is in its night mode, or made without colour",
+        "switch on the light, switch its night mode off, or take another camera",
+    )
 
 
 def camera_sources(config: Cameras) -> dict[str, StripCamera]:

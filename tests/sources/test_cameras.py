@@ -57,6 +57,18 @@ def test_pictures_with_gaps_are_refused_counted_and_reported_where_they_are_many
     assert bool(many) == (every == 2)
 
 
+@pytest.mark.parametrize("grey", [False, True])
+def test_pictures_without_colour_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, grey: bool
+) -> None:
+    path = tmp_path / "pictures.mjpeg"
+    flag = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    pictures = [cv2.imdecode(np.frombuffer(jpeg(k), np.uint8), flag) for k in range(60)]
+    path.write_bytes(b"".join(bytes(cv2.imencode(".jpg", p)[1]) for p in pictures))
+    health = [m for m in messages(path, monkeypatch) if isinstance(m, Health)]
+    assert any("the pictures are black and white" in h.reason for h in health if not h.ok) == grey
+
+
 def test_the_same_camera_under_two_names_is_refused(tmp_path: Path) -> None:
     device = tmp_path / "video0"
     device.touch()
