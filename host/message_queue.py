@@ -1,7 +1,9 @@
 """Messages on their way from the devices' threads to the localizer's: bounded, counted."""
 
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
 
 from host.messages import Displacement, Message
 
@@ -12,12 +14,17 @@ class MessageQueue:
     """Between threads. When it is full a message is dropped and counted.
 
     It is the oldest one that is no displacement: one scan less is of little harm, but a missing
-    displacement is a hole in the odometry.
+    displacement is a hole in the odometry. waited_s: how long the message taken last was in it, by
+    `clock` (s).
     """
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
+    def __init__(
+        self, capacity: int = CAPACITY, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.dropped = 0
-        self._messages: deque[Message] = deque()
+        self.waited_s = 0.0
+        self._clock = clock
+        self._messages: deque[tuple[Message, float]] = deque()  # each with when it came
         self._capacity = capacity
         self._news = threading.Condition()
         self._closed = False
@@ -27,13 +34,13 @@ class MessageQueue:
         with self._news:
             if self._closed:
                 return
-            self._messages.append(message)
+            self._messages.append((message, self._clock()))
             if len(self._messages) > self._capacity:
                 self._drop()
             self._news.notify()
 
     def _drop(self) -> None:
-        others = (k for k, m in enumerate(self._messages) if not isinstance(m, Displacement))
+        others = (k for k, (m, _) in enumerate(self._messages) if not isinstance(m, Displacement))
         del self._messages[next(others, 0)]
         self.dropped += 1
 
@@ -54,4 +61,8 @@ class MessageQueue:
         with self._news:
             if not self._messages and not self._closed:
                 self._news.wait(timeout_s)
-            return self._messages.popleft() if self._messages else None
+            if not self._messages:
+                return None
+            message, came = self._messages.popleft()
+            self.waited_s = self._clock() - came
+            return message

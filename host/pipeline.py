@@ -27,6 +27,7 @@ DRIVER = "driver"
 NOISE = "noise settings"
 GAINS = "odometry gains"
 _POLL_S = 0.1
+_BEHIND_S = 0.5  # a message that waited longer for the localizer makes estimates of the past
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
 _DRAIN_S = 0.3  # for what is queued by then
 
@@ -113,7 +114,7 @@ class Pipeline:
         self._watch = watch
         self._driver = driver
         self._next_look = -math.inf
-        self._queue = MessageQueue()
+        self._queue = MessageQueue(clock=clock)
         self._sources = [
             threading.Thread(target=self._serve, args=(name, source), name=name, daemon=True)
             for name, source in {**sources, **({DRIVER: driver} if driver else {})}.items()
@@ -261,7 +262,7 @@ class Pipeline:
         dropped, malformed, updates = (
             change[name] for name in ("dropped", "malformed", "estimates")
         )
-        slow = self._pace.fault()
+        slow, behind_s = self._pace.fault(), self._queue.waited_s
         each_ms = change["busy_ms"] / max(1, updates)
         reason = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
         if dropped:
@@ -269,12 +270,15 @@ class Pipeline:
             reason += "programs, or use fewer sensors (--sensors lidar)"
         elif slow is not None:
             reason = str(slow)
+        elif behind_s > _BEHIND_S:
+            reason = f"this computer is too slow: estimates are {behind_s:.1f} s late; close other "
+            reason += "programs, or use fewer sensors (--sensors lidar)"
         elif malformed:
             reason = (
                 f"malformed messages dropped: {malformed}, the last of them {self._localizer.fault}"
             )
             reason += "; check what sends it"
-        ok = not dropped and not malformed and slow is None
+        ok = not dropped and not malformed and slow is None and behind_s <= _BEHIND_S
         self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))
         judges: dict[str, Judge] = {
             NOISE: self._localizer.consistency,

@@ -11,8 +11,9 @@ from host.cross_checks.checks import CrossChecks
 from host.errors import UserError
 from host.estimator.last_reading import LastReading
 from host.localizer import Localizer
+from host.message_queue import CAPACITY, MessageQueue
 from host.messages import Bearings, Displacement, Estimate, Health, Positions, Truth
-from host.pipeline import MessageQueue, Now, Pipeline
+from host.pipeline import Now, Pipeline
 
 LONG_S = 20.0  # a bound on waiting, not on speed
 
@@ -95,6 +96,19 @@ def test_a_full_queue_drops_readings_before_displacements():
     assert queue.dropped == 3
     # The first reading went, the second had no room; then there was nothing else to drop.
     assert [queue.take(0.0).time for _ in range(3)] == [2.0, 3.0, 4.0]
+
+
+def test_a_queue_knows_how_long_what_is_taken_was_in_it():
+    now = [10.0]
+    queue = MessageQueue(clock=lambda: now[0])
+    queue.put(a_step(1.0))
+    now[0] += 0.2
+    queue.put(a_step(2.0))
+    now[0] += 0.4
+    queue.take(0.0)
+    assert queue.waited_s == pytest.approx(0.6)
+    queue.take(0.0)
+    assert queue.waited_s == pytest.approx(0.4)
 
 
 def test_a_closed_queue_gives_what_it_holds_and_takes_no_more():
@@ -221,7 +235,7 @@ def test_the_localizer_tells_how_it_does_and_what_was_dropped():
         def run(self, emit, stop):
             emit(a_step(0.1))
             assert blocked.wait(LONG_S)
-            for k in range(300):  # more than the queue holds
+            for k in range(CAPACITY + 44):  # more than the queue holds
                 emit(a_health("camera", float(k)))
             emit(Bearings(0.1, np.zeros(1), np.ones(1)))
             go.set()
@@ -232,7 +246,7 @@ def test_the_localizer_tells_how_it_does_and_what_was_dropped():
     assert not told.ok
     assert told.reason.startswith("this computer is too slow: 45 messages dropped")
     assert told.counts["dropped"] == 45
-    assert told.counts["messages"] == 1 + 256
+    assert told.counts["messages"] == 1 + CAPACITY
     assert told.counts["estimates"] == 1
 
 

@@ -22,6 +22,7 @@ SETTLE_S = 20.0  # trails are long by then
 PICTURES = {
     "laptop-light": (1180, 720, 1, "light"),
     "laptop-dark": (1180, 720, 1, "dark"),
+    "phone-light": (390, 844, 2, "light"),
     "phone-dark": (390, 844, 2, "dark"),
 }
 

@@ -79,7 +79,7 @@ def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
         *_table(state, paint),
         "",
         *_devices(state, width, paint),
-        *(_code(state.page) if "token=" in state.page else []),
+        *(_code(state.page.split()[0]) if "token=" in state.page else []),
     ]
 
 

@@ -16,6 +16,7 @@ from host.pipeline import Sink
 from host.sessions import systemd
 from host.sessions.running import RunOutcome, run_devices
 from host.sources.rig import Rig
+from host.viewer.foxglove_server import DEFAULT_PORT, FoxgloveServer
 from host.viewer.scene import Scene
 from host.viewer.server import Viewer
 
@@ -49,6 +50,17 @@ view_option = click.option(
 )
 
 
+foxglove_option = click.option(
+    "--foxglove",
+    metavar="[ADDRESS:PORT]",
+    is_flag=False,
+    flag_value=f"127.0.0.1:{DEFAULT_PORT}",
+    callback=address_given,
+    help="Serve the recording's topics live to the Foxglove app, too.  [this computer alone, "
+    f"ws://127.0.0.1:{DEFAULT_PORT}, where no address is given]",
+)
+
+
 def check_failures(outcome: RunOutcome) -> None:
     """Raise what ended a part of the run before its time, if anything did."""
     for name, error in outcome.failures.items():
@@ -79,7 +91,7 @@ def show_run(
     rig: Rig,
     seconds: float | None,
     record: Path | None,
-    viewers: Mapping[str, Viewer],
+    viewers: Mapping[str, Viewer | FoxgloveServer],
     driving: Driving | None = None,
 ) -> RunOutcome:
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure.
@@ -87,7 +99,7 @@ def show_run(
     driving: drives the robot meanwhile; the run ends when it is done.
     """
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
-    page = "".join(viewer.url for viewer in viewers.values())
+    page = "   ".join(viewer.url for viewer in viewers.values())
     state = State(title, rig.config.filter.profile, rig.sensors, page)
     service = systemd.of_environment(rig.sources)
     console = Console(state, sys.stdout, line_s=LINE_S if service is None else JOURNAL_S)

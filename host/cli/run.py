@@ -10,7 +10,13 @@ from typing import Any
 import click
 
 from host.cli import options
-from host.cli.live_screen import check_failures, show_run, view_option, viewer_at
+from host.cli.live_screen import (
+    check_failures,
+    foxglove_option,
+    show_run,
+    view_option,
+    viewer_at,
+)
 from host.cli.summary import summary
 from host.errors import UserError
 from host.registry import SCENARIOS
@@ -19,6 +25,8 @@ from host.simulation.live import Interval
 from host.simulation.world import scenarios
 from host.sources.rig import real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
+from host.viewer.foxglove_server import FoxgloveServer
+from host.viewer.server import Viewer
 
 
 def _intervals(
@@ -78,6 +86,7 @@ Examples:
     help="Sensors to use besides the wheels.  [default: those there are]",
 )
 @view_option
+@foxglove_option
 @options.filter_option
 @options.json_option
 def run(
@@ -88,6 +97,7 @@ def run(
     record: Path | None,
     sensors: str | None,
     view: tuple[str, int] | None,
+    foxglove: tuple[str, int] | None,
     filter_name: str | None,
     json_path: Path | None,
 ) -> None:
@@ -103,7 +113,11 @@ def run(
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
         viewer = viewer_at(rig, view)
-        viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
+        viewers: dict[str, Viewer | FoxgloveServer] = {}
+        if viewer is not None:
+            viewers["page"] = stack.enter_context(viewer)
+        if foxglove is not None:
+            viewers["foxglove"] = stack.enter_context(FoxgloveServer(rig.config, *foxglove))
         outcome = show_run(rig, seconds, record, viewers)
     click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)

@@ -147,7 +147,10 @@ function drawTeammate(each) {
   stroke("teammate", 1.5);
   circle(place, 3); pen.fill();
   pen.globalAlpha = 1;
-  words(each.label + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m", [place[0] + Math.hypot(major * Math.cos(angle), minor * Math.sin(angle)) + 4, place[1] - 4], "ink");
+  const text = each.label + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m";
+  const half = Math.hypot(major * Math.cos(angle), minor * Math.sin(angle)) + 4, width = pen.measureText(text).width;
+  const beyond = place[0] + half + width > map.clientWidth && place[0] < map.clientWidth;
+  words(text, [place[0] + (beyond ? -half - width : half), place[1] - 4], "ink");
 }
 function drawRobot() {
   const corners = [[.1, 0], [-.07, .07], [-.04, 0], [-.07, -.07]].map(toPixel);
