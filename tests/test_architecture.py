@@ -16,6 +16,7 @@ FLOORS = {
     "sources": 6,
     "viewer": 6,
     "pipeline": 5,
+    "systems": 5,
     "behaviour": 5,
     "simulation": 4,
     "localizer": 3,

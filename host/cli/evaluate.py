@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.cli.table import table
+from host.cli.table import systems_table, table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
 from host.experiments.results_folder import ResultsFolder
@@ -17,6 +17,7 @@ from host.sessions.evaluating import check_source, score_sources, step_count
 from host.sessions.robot import robot_configuration
 from host.sessions.truth_files import TruthFile
 from host.sources.sensors import SENSORS
+from host.systems.catalogue import SYSTEMS, is_system_source, score_systems
 
 _HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
 
@@ -39,7 +40,8 @@ Examples:
   swarmloc evaluate today.mcap --json figures.json
   swarmloc evaluate today.mcap --truth take.csv:Robot1
   swarmloc evaluate swarm20:seconds=300 --figures results
-  swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop""",
+  swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop --systems all
+  swarmloc evaluate swarm:robots=20,seed=1""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option(
@@ -53,6 +55,12 @@ Examples:
     default="lidar+camera,lidar",
     show_default=True,
     help="Which sensors; a dataset has its own.",
+)
+@click.option(
+    "--systems",
+    metavar="NAMES",
+    help=f"Systems of related works, too: all, or of {', '.join(SYSTEMS)} (docs/systems.md). "
+    "Sources of their own are swarm:robots=5,seed=1 and intruder:robots=6,seed=1.",
 )
 @options.robot_or_recordings_option
 @options.truth_options
@@ -68,6 +76,7 @@ def evaluate(
     sources: Sequence[str],
     filters: str,
     sensors: str,
+    systems: str | None,
     robot_path: Path | None,
     truth: TruthFile | None,
     json_path: Path | None,
@@ -79,6 +88,8 @@ def evaluate(
     robot = None if robot_path is None else robot_configuration(robot_path)
     if truth is not None and len(sources) > 1:
         raise click.UsageError("--truth is of one recording: name one SOURCE")
+    others = _systems(systems, sources)
+    every, sources = sources, [source for source in sources if not is_system_source(source)]
     for source in sources:  # what is mistyped fails before anything is computed
         check_source(source)
     folder = None
@@ -95,8 +106,21 @@ def evaluate(
         rows = score_sources(
             sources, names, chosen, robot, lambda done: bar.update(1, done), keep, truth
         )
-    click.echo(table(rows))
-    options.write_json(json_path, [row.as_json() for row in rows])
+    if rows:
+        click.echo(table(rows))
+    compared = list(score_systems(every, others))
+    if compared:
+        click.echo(systems_table(compared))
+    options.write_json(
+        json_path, [row.as_json() for row in rows] + [row.as_json() for row in compared]
+    )
     if folder is not None:
         folder.finish(rows)
         click.echo(f"figures: {folder.path}")
+
+
+def _systems(asked: str | None, sources: Sequence[str]) -> list[str]:
+    """The systems to score: those asked for, all on a source that only they can use."""
+    if asked == "all" or (asked is None and any(map(is_system_source, sources))):
+        return list(SYSTEMS)
+    return [] if asked is None else options.several(asked, list(SYSTEMS), "--systems")

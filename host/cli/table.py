@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 from host.evaluation.metrics import Row
+from host.systems.catalogue import SystemRow
 
 _BASELINE = "clairvoyant"
 # Heading with the unit, width, decimals.
@@ -54,3 +55,14 @@ def _block(source: str, rows: Sequence[Row]) -> list[str]:
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def systems_table(rows: Sequence[SystemRow]) -> str:
+    """Each system on each source: its figures by name, or why there are none."""
+    lines: list[str] = []
+    for source, block in itertools.groupby(rows, key=lambda row: row.source):
+        lines.append(source)
+        for row in block:
+            figures = "  ".join(f"{name} {value:.4g}" for name, value in row.figures.items())
+            lines.append(f"  {row.system:17} {row.variant:17} {row.why or figures}")
+    return "\n".join(lines)

@@ -1,0 +1,124 @@
+"""The systems by name: what each needs, and the sources on which it can be scored."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from host.errors import UserError
+from host.recording.mrclam import load_dataset
+from host.simulation.world.scenarios import settings
+from host.systems.particles.simulated import IntruderScenario, tracked
+from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
+from host.systems.swarm_ukf.simulated import SimulatedSwarm, SwarmScenario, simulated_score
+
+Figures = dict[str, float]
+Variants = dict[str, Figures]
+AnyScenario = TypeVar("AnyScenario")
+
+DATASET, SWARM, INTRUDER = "mrclam", "swarm", "intruder"
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """work: who described it. needs: in words. sources: how it is scored, by the source's kind."""
+
+    name: str
+    work: str
+    needs: str
+    sources: dict[str, Callable[[str], Variants]]
+
+
+@dataclass(frozen=True, slots=True)
+class SystemRow:
+    """Figures of one variant of a system on one source; or `why` there are none."""
+
+    source: str
+    system: str
+    variant: str
+    figures: Figures
+    why: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """As JSON values."""
+        common = {"source": self.source, "system": self.system, "variant": self.variant}
+        return {**common, **self.figures, **({"why": self.why} if self.why else {})}
+
+
+def _swarm_on_dataset(source: str) -> Variants:
+    folder = Path(source.partition(":")[2].partition(",landmarks=")[0])
+    dataset = load_dataset(folder)
+    return {
+        "joint": mrclam_score(dataset, "joint").figures(),
+        "a filter a robot": mrclam_score(dataset, "exact").figures(),
+    }
+
+
+def _swarm_simulated(source: str) -> Variants:
+    scenario = _scenario(SwarmScenario, source)
+    return {
+        "joint": simulated_score(SimulatedSwarm(scenario), "joint"),
+        "a filter a robot": simulated_score(SimulatedSwarm(scenario), "exact"),
+        "direct": SimulatedSwarm(scenario).direct_score(),
+    }
+
+
+def _intruder(source: str) -> Variants:
+    return tracked(_scenario(IntruderScenario, source))
+
+
+SYSTEMS = {
+    system.name: system
+    for system in (
+        System(
+            "swarm_ukf",
+            "Miller 2019",
+            "odometry and sightings with identities of all robots, at one place",
+            {DATASET: _swarm_on_dataset, SWARM: _swarm_simulated},
+        ),
+        System(
+            "particles",
+            "Lee 2012",
+            "distances to one thing from robots whose places are known",
+            {INTRUDER: _intruder},
+        ),
+    )
+}
+
+
+def is_system_source(source: str) -> bool:
+    """Whether only systems of this catalogue can be scored on a source."""
+    return _kind(source) in (SWARM, INTRUDER)
+
+
+def score_systems(sources: Sequence[str], names: Sequence[str]) -> Iterator[SystemRow]:
+    """Rows of each system on each source. Raises UserError for settings that do not exist."""
+    for source in sources:
+        for name in names:
+            system = SYSTEMS[name]
+            score = system.sources.get(_kind(source))
+            if score is None:
+                yield SystemRow(source, name, "", {}, f"it needs {system.needs}")
+                continue
+            for variant, figures in score(source).items():
+                yield SystemRow(source, name, variant, figures)
+
+
+def _kind(source: str) -> str:
+    return source.partition(":")[0]
+
+
+def _scenario(kind: type[AnyScenario], source: str) -> AnyScenario:
+    """A source's settings as a scenario. Raises UserError for others than it has."""
+    known: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
+    given: dict[str, Any] = {}
+    for key, text in settings(source).items():
+        try:
+            given[key] = known[key](text)
+        except (KeyError, ValueError) as error:
+            raise UserError(
+                f"{source!r} cannot be read at {key}={text}",
+                f"its settings are {', '.join(known)}",
+                f"write for example {_kind(source)}:seed=1,seconds=60",
+            ) from error
+    return kind(**given)

@@ -1,0 +1,1 @@
+"""Lee 2012: one intruder or teammate, from its distances to robots whose places are known."""
