@@ -173,26 +173,31 @@ function tell() {
   at("seen").hidden = !scene.pictures.length;
   at("count").textContent = scene.estimates.length + (scene.truth ? " (truly within 2 m: " + scene.truth.filter(t => Math.hypot(t.x, t.y) <= 2).length + ")" : "");
   at("error").hidden = !scene.truth;
-  const rows = [...scene.estimates].sort((a, b) => a.label - b.label).map(each => {
-    const row = document.createElement("tr");
+  const rows = at("teammates"), sorted = [...scene.estimates].sort((a, b) => a.label - b.label);
+  while (rows.rows.length > sorted.length) rows.deleteRow(-1);
+  sorted.forEach((each, k) => {
+    const row = rows.rows[k] || rows.insertRow();
     row.className = each.age > OLD_S ? "old" : "";
     const sigma = 1000 * Math.hypot(...each.sigmas) / Math.SQRT2;
     const cells = [each.label, Math.hypot(each.x, each.y).toFixed(2), (Math.atan2(each.y, each.x) * 180 / Math.PI).toFixed(0),
       sigma.toFixed(0), each.weight.toFixed(2), each.age.toFixed(1)];
     if (scene.truth) cells.push(error(each));
-    cells.forEach(text => { row.insertCell().textContent = text; });
-    return row;
+    while (row.cells.length > cells.length) row.deleteCell(-1);
+    cells.forEach((text, column) => say(row.cells[column] || row.insertCell(), text));
   });
-  at("teammates").replaceChildren(...rows);
-  at("devices").replaceChildren(...scene.devices.flatMap(({name, ok, reason}) => {
+  const devices = JSON.stringify(scene.devices.map(({name, ok, reason}) => [name, ok, reason]));
+  if (at("devices").dataset.told !== devices) at("devices").replaceChildren(...scene.devices.flatMap(({name, ok, reason}) => {
     const term = document.createElement("dt"), detail = document.createElement("dd");
     term.textContent = name; detail.textContent = (ok ? "ok  " : "DOWN  ") + reason;
     detail.className = ok ? "" : "bad";
     return [term, detail];
   }));
+  at("devices").dataset.told = devices;
   strips.forEach(drawStrip);
   sayState();
 }
+// What stays the same is left alone, so that who reads it aloud or selects it is not interrupted.
+function say(element, text) { if (element.textContent !== String(text)) element.textContent = text; }
 function error({x, y}) {
   const nearest = Math.min(...scene.truth.map(t => Math.hypot(t.x - x, t.y - y)));
   return nearest < .5 ? (1000 * nearest).toFixed(0) : "false";
@@ -282,7 +287,8 @@ for (const [name, text] of Object.entries(LAYERS)) {
   box.onchange = () => { shown[name] = box.checked; draw(); };
   label.append(box, " " + text); at("layers").append(label);
 }
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); draw(); });
+for (const media of ["(prefers-color-scheme: dark)", "print"])
+  matchMedia(media).addEventListener("change", () => { readColours(); draw(); });
 window.addEventListener("resize", draw);
 setInterval(sayState, 500);
 readColours();

@@ -13,6 +13,7 @@ import threading
 import time
 from types import TracebackType
 from typing import Any, Self
+from weakref import WeakSet
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
@@ -34,7 +35,7 @@ _NO_WEB = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_GOODBYE_S = 1.0  # for readers to take leave; then they are cut off
+_GOODBYE_S = 0.4  # for readers to take leave; then they are cut off
 _READER_BUFFER = 65536  # bytes towards one reader; more would only grow old
 
 
@@ -111,8 +112,17 @@ class Viewer:
         self._loop.run_until_complete(self._serve())
 
     async def _serve(self) -> None:
+        connections: WeakSet[asyncio.Transport] = WeakSet()
+
+        class Noted(ServerConnection):
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                assert isinstance(transport, asyncio.Transport)
+                connections.add(transport)
+                super().connection_made(transport)
+
         async with serve(
             self._read,
+            create_connection=Noted,
             sock=self._socket,
             process_request=self._answer,
             compression=None,  # the robot's time is worth more than a network's bytes
@@ -129,9 +139,9 @@ class Viewer:
             try:
                 await asyncio.wait_for(server.wait_closed(), _GOODBYE_S)
             except TimeoutError:
-                for channel in self._channels.values():
-                    for connection in channel.readers:  # they read nothing, not even the end
-                        connection.transport.abort()
+                # Who reads nothing, not even the end; and what a browser opened and has no use for.
+                for transport in connections:
+                    transport.abort()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page or a refusal; None lets a reader on to the stream."""

@@ -165,3 +165,13 @@ def test_pictures_are_for_who_asks_and_few_a_second():
         assert time.monotonic() - begin > 0.5
     assert told["camera"] == "front"
     assert told["blobs"] == [{"x": 100.0, "y": 50.0, "direction": 0.5, "range": 1.5}]
+
+
+def test_a_connection_that_says_nothing_does_not_hold_the_end(served):
+    running = served()
+    silent = socket.create_connection(address_of(running))  # as browsers open some to have them
+    with silent, connect(running.stream) as stream:
+        stream.recv(timeout=10.0)
+        begin = time.monotonic()
+        running.stop()
+    assert time.monotonic() - begin < 1.5
