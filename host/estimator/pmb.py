@@ -55,7 +55,7 @@ _BELIEVED = 0.5  # from this existence on a thing is taken to be there
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 # Correlation times: misses follow each other, and pictures show the same scene.
 _SCANS_S, _PICTURES_S = 0.3, 0.3
-_LIDAR_FLOOR = 0.002**2 * np.eye(2)  # m²: what differs in how a turret looks from place to place
+_LIDAR_FLOOR = 0.001**2 * np.eye(2)  # m²: what differs in how a turret looks from place to place
 _LEARN_S = 0.4  # after so long the static world is brought up to date
 _LONGEST_S = 1.0  # things that appeared longer ago were seen before or have gone
 

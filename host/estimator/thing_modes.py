@@ -40,14 +40,14 @@ _RATES = np.array(
     [
         [0.0, 1e-4, 0.0, 0.0, 0.0],
         [1e-5, 0.0, 0.01, 0.0, 0.0],
-        [0.0, 0.01, 0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0, 1.0],
+        [0.0, 0.01, 0.0, 0.7, 0.0],
+        [0.0, 0.0, 0.7, 0.0, 3.0],
         [0.0, 0.0, 0.0, 0.7, 0.0],
     ]
 )
 _AT_BIRTH = np.array([0.1, 0.1, 0.33, 0.47])  # of teammates, the share in each of their modes
 # Of each motion: acceleration noise m²/s³ and correlation time s of the velocity.
-_NOISE, _TIMES = (0.0, 0.1, 0.002), (1.0, 3.0, 20.0)
+_NOISE, _TIMES = (0.0, 0.05, 0.0005), (1.0, 3.0, 20.0)
 _STAYS = np.tile(np.diag([1.0, 1.0, 0.0, 0.0]), (MOTIONS, 1, 1))  # F of what stands still
 _LEAST_FLOW = 1e-30  # keeps the Gaussian of a motion that is ruled out
 
@@ -84,7 +84,7 @@ class ThingModes:
 
         What starts to move has any velocity of the usual size; what stops has none.
         """
-        chances = (self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse
+        chances = np.maximum((self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse, 0.0)
         # The probability that flows from motion to motion, of the modes that it flows from.
         of_mode = np.add.reduceat(chances, (0, 3, 4), axis=1)
         flows = np.zeros((MOTIONS, MOTIONS, MODES))

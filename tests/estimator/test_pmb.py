@@ -91,7 +91,7 @@ def follow_as_an_imm(seed):
             drift=0.0,
         )
     )
-    noise = (0.01**2 + 0.002**2) * np.eye(2)  # with the floor that the filter adds
+    noise = (0.01**2 + 0.001**2) * np.eye(2)  # with the floor that the filter adds
     for k, place in enumerate(path(seed)):
         reading = place + random.normal(0.0, 0.01, 2)
         run.scan(reading, lags=np.array([LAG_S]))
