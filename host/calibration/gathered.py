@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from host.calibration.chain import Chain
 from host.calibration.identity import check_identity
 from host.config import Mocap, RobotConfig
 from host.errors import UserError
@@ -119,7 +120,8 @@ class Gathered:
     """Messages of one robot, kept by kind in the order they came.
 
     config: under which they were taken, so that e.g. its delays are in their times already.
-    truth_time_sigma: by how much (s, std) all true paths may be early or late.
+    truth_time_sigma: by how much (s, std) all true paths may be early or late. chain: what earlier
+    fits left uncertain.
     """
 
     def __init__(self, config: RobotConfig) -> None:
@@ -129,6 +131,7 @@ class Gathered:
         self.bearings: list[Bearings] = []
         self.bodies: list[Bodies] = []
         self.truth_time_sigma = 0.0
+        self.chain = Chain()
 
     @property
     def frame_times(self) -> FloatArray:

@@ -21,6 +21,7 @@ _LEAST_WINDOWS = 12
 _STILL_M, _STILL_RAD = 0.01, 0.03  # in a window
 _DRIVEN_M = 1.0  # by the wheels, before a body that stands still is noticed
 _LEAST_ROTATION_RAD = 0.15  # rms in a window: less does not show who is who
+_ABSURD = 5.0  # times the 90 % percentile of rotations
 _FITS, _FAILS = 0.85, 0.6  # share of the squared rotation that is explained
 _FACTORS = (0.2, 5.0)  # by which the geometry may be off
 _LEAST_EXCHANGED = 0.1  # of the windows
@@ -60,6 +61,8 @@ def check_identity(
     a drive too short, without rotation, or with a body that is not seen.
     """
     moved = _windows(times, ticks, bodies, wheels)
+    if not len(moved.starts):
+        return
     own = moved.bodies.get(mocap.body)
     if own is None or np.count_nonzero(np.isfinite(own[:, 2])) < _LEAST_WINDOWS:
         return
@@ -111,6 +114,8 @@ def _at(times: FloatArray, rows: FloatArray, when: FloatArray) -> FloatArray:
 def _explained(by_wheels: FloatArray, rotation: FloatArray) -> float:
     """Share of the squared rotation (w,) that the wheels explain; nan where there is too little."""
     known = np.isfinite(rotation)
+    # A corrupt row of ticks is in some windows only.
+    known &= np.abs(by_wheels) <= _ABSURD * float(np.percentile(np.abs(by_wheels), 90.0, axis=0))
     a, b = by_wheels[known], rotation[known]
     if len(b) < _LEAST_WINDOWS or math.sqrt(np.mean(np.maximum(a**2, b**2))) < _LEAST_ROTATION_RAD:
         return math.nan

@@ -6,11 +6,11 @@ of every other one.
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from host.cli import gathering
+from host.cli import gathering, options
 from host.cli.calibrate_colour import colour
 from host.cli.checkerboard import board_option, boards_option, lenses
 from host.cli.fitting import Fitting, fit_options
@@ -39,6 +39,8 @@ def calibrate() -> None:
       swarmloc calibrate lidar drive.mcap --robot robot.toml
       swarmloc calibrate camera drive.mcap --robot robot.toml
       swarmloc calibrate detection drive.mcap --robot robot.toml
+    or all four by one command, each with what those before it found and how well:
+      swarmloc calibrate all drive.mcap --robot robot.toml
     """
 
 
@@ -190,3 +192,37 @@ def detection(source: str | None, **common: Any) -> None:
     fitting = Fitting(**common)
     name, gathered = fitting.gather(source, detection_advice)
     fitting.conclude(fit_detection(gathered), name)
+
+
+@calibrate.command(
+    "all",
+    epilog="""\b
+Example:
+  swarmloc calibrate all drive.swarmloc --robot robot.toml""",
+)
+@click.argument("source")
+@fit_options("all")
+def everything(source: str, report_path: Path, json_path: Path | None, **common: Any) -> None:
+    """Fit wheels, lidar, cameras and detection to one drive, in this order.
+
+    Each takes over what those before it found, with its covariance. It ends at a fit that is
+    refused; what came before is written. What the drive has no readings of is left out. Every fit
+    has a report of its own: calibration-all-wheels.html, ...
+    """
+    from host.sessions.calibrating import CalibrationKind, calibrate_gathered, lacking
+
+    if common["robot_path"] is None:
+        raise click.UsageError("name the robot.toml that each fit hands on to the next: --robot")
+    results: list[dict[str, Any]] = []
+    try:
+        for kind in get_args(CalibrationKind):
+            report = report_path.with_stem(f"{report_path.stem}-{kind}")
+            fitting = Fitting(**common, report_path=report, json_path=None)
+            name, gathered = fitting.gather(source, lambda _: [], mounted=kind != "wheels")
+            if missing := lacking(kind, gathered):
+                click.echo(f"{kind}: left out, {source} has no {missing}")
+                continue
+            results.append(fitting.conclude(calibrate_gathered(kind, gathered), name))
+            click.echo()
+    finally:
+        options.write_json(json_path, results)

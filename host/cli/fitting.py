@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from host.calibration import robot_file
+from host.calibration import chain, robot_file
 from host.calibration.gathered import Gathered
 from host.calibration.report import html as report
 from host.calibration.report import text as figures
@@ -141,10 +141,10 @@ class Fitting:
         if any(option is not None for option in self._live):
             raise click.UsageError("--simulate, --seconds and --record are for a drive, not SOURCE")
 
-    def conclude(self, calibration: Calibration, source: str, **more: Any) -> None:
+    def conclude(self, calibration: Calibration, source: str, **more: Any) -> dict[str, Any]:
         """Show the verdict, write report and figures, and robot.toml where the fit is good.
 
-        Raises UserError where it is not, unless it was accepted beforehand.
+        Gives the figures. Raises UserError where it is not, unless it was accepted beforehand.
         """
         warnings = (*calibration.warnings, *self._warnings)
         calibration = dataclasses.replace(calibration, warnings=warnings)
@@ -163,12 +163,16 @@ class Fitting:
             )
         if self.robot_path is None:
             click.echo("nothing is written: name your robot.toml with --robot")
-            return
+            return content
         if not calibration.new_settings():
-            return
+            return content
         note = f"{calibration.kind} calibrated {date} from {source}: {calibration.residuals}"
         robot_file.update(self.robot_path, calibration.new_settings(), note)
+        known = chain.load(self.robot_path)
+        known.take(calibration)
+        chain.save(self.robot_path, known)
         click.echo(f"written to {self.robot_path}")
+        return content
 
 
 def _check_folder(path: Path | None) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from host.calibration import chain
 from host.calibration.gathered import Gathered
 from host.cli.options import progress_bar
 from host.cli.signals import signals_caught
@@ -36,7 +37,9 @@ def from_source(source: str, robot_path: Path | None, truth: TruthFile | None = 
         click.echo(text, err=True)
 
     with progress_bar(source) as progress:
-        return gather_source(source, robot, progress, warn, truth)
+        gathered = gather_source(source, robot, progress, warn, truth)
+    gathered.chain = chain.load(robot_path)
+    return gathered
 
 
 def live(
@@ -73,6 +76,7 @@ def live(
     for name, error in outcome.failures.items():
         why = one_line(str(error)) or type(error).__name__
         click.echo(f"{name} ended before its time: {why}", err=True)
+    drive.gathered.chain = chain.load(robot_path)
     return rig.title, drive.gathered
 
 

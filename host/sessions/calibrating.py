@@ -33,7 +33,21 @@ def calibrate_from(
     """
     if kind not in _FITS:
         raise UserError(f"there is no calibration of {kind!r}", f"known: {', '.join(_FITS)}")
-    return _FITS[kind](gather_source(source, robot, truth=truth))
+    return calibrate_gathered(kind, gather_source(source, robot, truth=truth))
+
+
+def calibrate_gathered(kind: CalibrationKind, gathered: Gathered) -> Calibration:
+    """The same fit of what was gathered already."""
+    return _FITS[kind](gathered)
+
+
+def lacking(kind: CalibrationKind, gathered: Gathered) -> str:
+    """Which readings a kind of fit needs and there are none of, in words; "" where it has them."""
+    if kind == "wheels":
+        return "" if any(step.ticks for step in gathered.displacements) else "wheel ticks"
+    if kind == "camera":
+        return "" if any(b.pixels is not None for b in gathered.bearings) else "strips in pictures"
+    return "" if gathered.scans else "revolutions of a lidar"
 
 
 def _wheels(gathered: Gathered) -> Calibration:

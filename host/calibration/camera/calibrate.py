@@ -20,11 +20,12 @@ from host.calibration.camera.model import LENS_NAMES, NAMES
 from host.calibration.camera.pairs import CAMERAS, Captured, reference_of, strips_of
 from host.calibration.camera.pictures import pictures
 from host.calibration.camera.verdict import Halves, verdict
+from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.robust.time_offset import scan
-from host.calibration.stamps import delay_check, stamps_check
+from host.calibration.stamps import stamps_check
 from host.config import Camera
 from host.errors import UserError
 from host.geometry import wrap
@@ -68,6 +69,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             "check the strip's colour and height in [camera.strip], and that front and rear are "
             "not exchanged",
         )
+    fit = _complete(fit, gathered)
     times = problem.strips.times
     before = times < np.median(times[fit.used])
     parts = problem.again(fit, before), problem.again(fit, ~before)
@@ -87,7 +89,6 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
         checks=(
             *verdict(cameras, fit, halves, table),
             stamps_check([gathered.frame_times]),
-            delay_check("cameras", cameras.delay_s + fit.delay, math.sqrt(fit.covariance[-1, -1])),
         ),
         residuals=(
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
@@ -97,6 +98,23 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )
+
+
+def _complete(fit: CameraFit, gathered: Gathered) -> CameraFit:
+    """The fit with what of its covariance repeating this drive does not show.
+
+    How the tracked body (without motion capture: the lidar) lies on the robot, and when the truth
+    was stamped.
+    """
+    config = gathered.config
+    keys, base = (BODY, config.mocap) if gathered.bodies else (LIDAR, config.lidar)
+    slopes = np.zeros((len(fit.values), 3))
+    for number in range(len(CAMERAS)):
+        rows = [len(NAMES) * number + NAMES.index(name) for name in ("x_m", "y_m", "heading_rad")]
+        slopes[rows] = by_base(fit.values[rows[:2]], np.array([base.x_m, base.y_m]))
+    covariance = fit.covariance + carried(slopes, gathered.chain.covariance(config, keys))
+    covariance[-1, -1] += gathered.truth_time_sigma**2
+    return dataclasses.replace(fit, covariance=covariance)
 
 
 def camera_advice(gathered: Gathered) -> list[str]:
@@ -188,7 +206,7 @@ def _rows(
         key="camera.delay_s",
         name="delay of the cameras",
         value=max(total[0], 0.0),
-        sigma=math.hypot(sigmas[-1], gathered.truth_time_sigma),
+        sigma=float(sigmas[-1]),
         before=cameras.delay_s,
         halves=(total[1], total[2]) if halves else None,
         unit="ms",

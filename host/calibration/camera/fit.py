@@ -26,13 +26,8 @@ from host.calibration.camera.model import (
 )
 from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, Strips
 from host.calibration.camera.search import likely_starts
-from host.calibration.robust.statistics import (
-    bent_factor,
-    block_sums,
-    blocks_of,
-    plane_sigma,
-    sandwich,
-)
+from host.calibration.camera.uncertainty import covariance_of
+from host.calibration.robust.statistics import plane_sigma
 from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
@@ -46,7 +41,6 @@ _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
 _GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
-_BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +132,8 @@ class CameraProblem:
         places = self._reference.positions(times)
         count, width = places.shape[:2]
         height = np.full((count, width, 1), self.cameras.strip.height_m)
-        points = np.concatenate((places, height), axis=2)
+        mounts = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras, 8:10]
+        points = np.concatenate((self._near_side(places, mounts), height), axis=2)
         off = np.full((count, width), math.inf)
         for number in range(len(CAMERAS)):
             mine = self.strips.cameras == number
@@ -159,6 +154,17 @@ class CameraProblem:
         paired &= np.isfinite(speed).all(axis=1)
         speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
         return Pairs(self.strips, chosen, speed, self._sigmas(values, chosen), paired, delay)
+
+    def _near_side(self, places: FloatArray, mounts: FloatArray) -> FloatArray:
+        """Where strips (n, m, 2) look to be from the cameras at `mounts` (n, 2), all in m.
+
+        Of a cylinder its near half is seen: on average, by the width at which each part appears,
+        it is pi/4 of the radius nearer than the axis. Taken for the axis, it makes cameras 3 mm too
+        high.
+        """
+        offset = places - mounts[:, None]
+        away = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 0.1)[..., None]
+        return np.asarray(places - math.pi / 8.0 * self.cameras.strip.diameter_m * offset / away)
 
     def _in_view(self, values: FloatArray, number: int, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3); nan for what one camera cannot show."""
@@ -261,26 +267,6 @@ class CameraProblem:
         covariance = np.diag(np.where(self._free, self._spread, 0.0) ** 2)
         miss = errors(values, pairs)
         if used.any() and free.any():
-            scale = noise * pairs.sigmas[used]
-            rows = slopes(values, pairs)[used][:, :, free] / scale[:, None, None]
-            gains = np.einsum("nij,ni->nj", rows, miss[used] / scale[:, None])
-            prior = np.diag(self._spread[free] ** -2.0)
-            inverse = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + prior)
-            meat = scatter_of(self.strips.times[used], gains, inverse)
-            covariance[np.ix_(free, free)] = sandwich(inverse, meat + prior)
+            covariance = covariance_of(covariance, values, pairs, used, noise, free)
         first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
         return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
-
-
-def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
-    """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
-
-    gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by
-    pair, times the factor by which sums over blocks of time scatter more: a drive has too few
-    blocks for their scatter value by value.
-    """
-    sums = block_sums(gains, blocks_of(times - times[0], _BLOCK_S))
-    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
-    alone = np.einsum("ni,ij,nj->", gains, inverse, gains)
-    factor = max(1.0, float(together) / max(float(alone), 1e-12))
-    return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

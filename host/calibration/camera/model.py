@@ -1,5 +1,6 @@
 """Where cameras draw strips of known place, and how that changes with lens, mounting and delay."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ NAMES = (
 LENS_NAMES = 5  # the first so many are the lens, the others its mounting
 STEPS = np.array([1e-2, 1e-2, 1e-2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
 _DELAY_STEP_S = 1e-4
+_HIGHER_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,13 @@ def errors(values: FloatArray, pairs: Pairs) -> FloatArray:
         mine = pairs.strips.cameras == number
         missed[mine] = draw(row_of(values, number), points[mine])[0] - pairs.strips.pixels[mine]
     return missed
+
+
+def upward(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """The direction (n, 2) in the picture, of length 1, in which each strip would be higher."""
+    higher = dataclasses.replace(pairs, points=pairs.points + np.array([0.0, 0.0, _HIGHER_M]))
+    moved = errors(values, higher) - errors(values, pairs)
+    return np.asarray(moved / np.maximum(np.hypot(*moved.T), 1e-12)[:, None])
 
 
 def slopes(values: FloatArray, pairs: Pairs) -> FloatArray:

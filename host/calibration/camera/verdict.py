@@ -21,7 +21,7 @@ from host.config import Camera, Cameras
 from host.perception.lens import equidistant_limit
 
 _SIGMA_RAD, _HALVES_RAD = math.radians(0.3), math.radians(1.0)  # of bearings
-_DELAY_S, _USED_SHARE = 0.015, 0.4
+_DELAY_S, _USED_SHARE = 0.010, 0.4
 
 Halves = tuple[CameraFit, CameraFit] | None
 

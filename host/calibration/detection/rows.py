@@ -99,6 +99,8 @@ def sector_rows(gathered: Gathered, sectors: list[FoundSector]) -> list[Fitted]:
     before = [FoundSector(s.centre_rad, s.width_rad) for s in lidar.blind_sectors]
     middle = len(scans) // 2
     halves = find_sectors(scans[:middle], lidar), find_sectors(scans[middle:], lidar)
+    heading = math.sqrt(gathered.chain.covariance(gathered.config, ("lidar.heading_rad",))[0, 0])
+    unseen = {"centre": heading, "width": 0.0}  # the centres turn with the lidar
     rows = []
     for number, sector in enumerate(sectors, 1):
         was = same_sector(sector, before)
@@ -110,7 +112,7 @@ def sector_rows(gathered: Gathered, sectors: list[FoundSector]) -> list[Fitted]:
                     key="",
                     name=f"blind sector {number}, {quantity}",
                     value=value_of(sector),
-                    sigma=getattr(sector, f"{quantity}_sigma"),
+                    sigma=math.hypot(getattr(sector, f"{quantity}_sigma"), unseen[quantity]),
                     limit=_SECTOR_LIMIT_RAD,
                     before=value_of(was) if was else None,
                     halves=(value_of(early), value_of(late)) if early and late else None,

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.gathered import Gathered, Tracks, missing_rotations
 from host.calibration.lidar.pictures import pictures
 from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
@@ -41,14 +42,14 @@ _THINNED_S = 0.05  # motion capture is fast; for advice this will do
 _LEAST_ROTATION = math.pi
 # Std of what repeating does not show: where within a step of 1/64 deg the lidar's angles begin;
 # when in the time of a byte it is stamped.
-_ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 5e-5
-# Of each row: place among the fitted values, key, name, unit, limit and what is not seen.
+_ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 7.8e-5 / math.sqrt(12.0)
+# Of each row: place among the fitted values, key, name, unit and limit.
 _ROWS = (
-    (2, "lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1), _ANGLE_STEP),
-    (0, "lidar.x_m", "x of the lidar", "mm", 0.003, 0.0),
-    (1, "lidar.y_m", "y of the lidar", "mm", 0.003, 0.0),
-    (3, "lidar.delay_s", "delay of the lidar", "ms", 0.005, _BYTE_S),
-    (4, "", "turrets measured too far by", "mm", None, 0.0),
+    (2, "lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1)),
+    (0, "lidar.x_m", "x of the lidar", "mm", 0.003),
+    (1, "lidar.y_m", "y of the lidar", "mm", 0.003),
+    (3, "lidar.delay_s", "delay of the lidar", "ms", 0.005),
+    (4, "", "turrets measured too far by", "mm", None),
 )
 
 
@@ -72,23 +73,20 @@ def calibrate(gathered: Gathered) -> Calibration:
     joint, who = _fit_pairs(seen, tracks, start)
     halves = _halves(seen, tracks, joint.values, who)
     outcome = _outcome(configured, tracks, seen, curve, joint, who)
+    covariance = _complete(_honest(joint.covariance, outcome), joint.values, gathered)
     used = int(np.count_nonzero(outcome.used))
     return Calibration(
         kind="lidar",
-        fitted=_rows(
-            configured,
-            joint.values,
-            _with_truth_time(_honest(joint.covariance, outcome), gathered),
-            halves,
-        ),
+        fitted=_rows(configured, joint.values, covariance, halves),
         checks=(
             *verdict(outcome),
             stamps_check([gathered.frame_times]),
-            delay_check("lidar", float(joint.values[3]), math.sqrt(joint.covariance[3, 3])),
+            delay_check(float(joint.values[3]), math.sqrt(joint.covariance[3, 3])),
         ),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
         pictures=pictures(outcome),
+        joint=((*LIDAR, "lidar.delay_s"), covariance[:4, :4]),
         figures={
             "rms_m": outcome.rms,
             "used": used,
@@ -191,11 +189,18 @@ def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
     return np.asarray(covariance * ((0.5 * (high - low)) ** 2 / covariance[3, 3]))
 
 
-def _with_truth_time(covariance: FloatArray, gathered: Gathered) -> FloatArray:
-    """The covariance (5, 5) with that of the truth's own time, which the delay is against."""
-    wider = covariance.copy()
-    wider[3, 3] += gathered.truth_time_sigma**2
-    return wider
+def _complete(covariance: FloatArray, values: FloatArray, gathered: Gathered) -> FloatArray:
+    """The covariance (5, 5) with what repeating this drive does not show.
+
+    How the tracked body lies on the robot, when the truth was stamped, the lidar's own steps.
+    """
+    config = gathered.config
+    slopes = np.zeros((5, 3))
+    slopes[:3] = by_base(values[:2], np.array([config.mocap.x_m, config.mocap.y_m]))
+    wider = covariance + carried(slopes, gathered.chain.covariance(config, BODY))
+    wider[2, 2] += _ANGLE_STEP**2
+    wider[3, 3] += gathered.truth_time_sigma**2 + _BYTE_S**2
+    return np.asarray(wider)
 
 
 def _rows(
@@ -204,14 +209,14 @@ def _rows(
     whole = np.array([0.0, 0.0, values[2] - float(wrap(values[2])), 0.0, 0.0])  # circles
     values, halves = values - whole, [half - whole for half in halves]
     rows = []
-    for k, key, name, unit, limit, unseen in _ROWS:
+    for k, key, name, unit, limit in _ROWS:
         pair = (float(halves[0][k]), float(halves[1][k]))
         rows.append(
             Fitted(
                 key=key,
                 name=name,
                 value=float(values[k]),
-                sigma=math.hypot(math.sqrt(covariance[k, k]), unseen),
+                sigma=math.sqrt(covariance[k, k]),
                 limit=limit,
                 before=float(configured[k]) if key else None,
                 halves=pair if all(map(math.isfinite, pair)) else None,

@@ -14,10 +14,11 @@ from host.calibration.identity import check_identity
 from host.calibration.result import Calibration
 from host.calibration.stamps import stamps_check
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
-from host.calibration.wheels.model import LAGS, Drive, values_of
+from host.calibration.wheels.model import LAGS, Drive, values_of, without_absurd_rows
 from host.calibration.wheels.noise import noise
 from host.calibration.wheels.pictures import pictures
 from host.calibration.wheels.verdict import (
+    KEYS,
     LEAST_TURN_RAD,
     coverage,
     noise_rows,
@@ -25,6 +26,7 @@ from host.calibration.wheels.verdict import (
     value_rows,
     verdict,
     warnings,
+    with_other_paths,
 )
 from host.config import Mocap, Wheels
 from host.errors import UserError
@@ -37,7 +39,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     wheels, mocap: as configured. Raises UserError where nothing moved, or the wheels do not count
     as the body moves; whatever else keeps the fit from being used is a failed check.
     """
-    drives = _usable(drives)
+    drives, absurd = _counted(_usable(drives))
     for drive in drives:
         body = {mocap.body: (drive.truth_times, drive.truth)}
         check_identity(drive.times, drive.ticks, body, wheels, mocap)
@@ -45,6 +47,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     both_ways = min(driven.left_rad, driven.right_rad) >= LEAST_TURN_RAD
     nominal = values_of(wheels, mocap, len(drives))
     found = _fit(drives, wheels.counts_per_turn, nominal, both_ways)
+    found = with_other_paths(found, driven)
     halves = _halves(drives, found.counts, wheels, mocap)
     other_counts = found.counts != wheels.counts_per_turn
     return Calibration(
@@ -58,8 +61,9 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             stamps_check([drive.truth_times for drive in drives]),
         ),
         residuals=residuals(found),
-        warnings=tuple(warnings(driven)),
+        warnings=(*absurd, *warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
+        joint=(KEYS, found.covariance[:6, :6]),
         settings={"wheels.counts_per_turn": found.counts} if other_counts else {},
         figures={
             "drives": [drive.name for drive in drives],
@@ -68,11 +72,20 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             "turned_right_deg": math.degrees(driven.right_rad),
             "straight_share": driven.straight,
             "turn_spread": driven.spread,
+            "curved_share": driven.curved,
             "windows": len(found.windows),
             "windows_used": int(np.count_nonzero(found.used)),
             "lags_at_start_and_end_s": found.values[LAGS].reshape(-1, 2).tolist(),
         },
     )
+
+
+def _counted(drives: list[Drive]) -> tuple[list[Drive], list[str]]:
+    """The drives without absurd rows of ticks, and a warning where there were any."""
+    parts = [without_absurd_rows(drive) for drive in drives]
+    count = sum(rows for _, rows in parts)
+    words = [f"{count} row(s) of ticks that no wheel can count: taken for what is around them"]
+    return [drive for drive, _ in parts], words if count else []
 
 
 def _usable(drives: Sequence[Drive]) -> list[Drive]:

@@ -1,10 +1,12 @@
 """How a robot's wheels move the body that motion capture tracks, and by how much they miss it."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from host.config import Mocap, Wheels
 from host.geometry import to_frame, to_parent
@@ -14,6 +16,7 @@ from host.messages import BoolArray, FloatArray, IntArray
 # (rad) of the body in the robot frame; and for each drive by how much the stamps of its ticks are
 # late (s) at its start and at its end. Clocks drift: in recorded runs by 50 ms in a minute.
 GEOMETRY, BODY, LAGS = slice(0, 3), slice(3, 6), slice(6, None)
+_AROUND, _FEW_TICKS = 7, 10  # rows that show what is usual; less is a matter of timing
 _LEAST_MOVED_M, _RADIAN_M = 0.05, 0.1  # a window of less is one of standing still
 
 
@@ -47,6 +50,25 @@ class Drive:
         start = max(float(self.times[0]), float(self.truth_times[0]))
         end = min(float(self.times[-1]), float(self.truth_times[-1]))
         return (start, end) if end > start else (0.0, 0.0)
+
+
+def without_absurd_rows(drive: Drive) -> tuple[Drive, int]:
+    """The drive with rows of ticks that no wheel can count replaced, and how many there were.
+
+    A row is absurd if its rate is off that of the rows around it by more than half of the fastest
+    usual one. It is taken to have counted as these.
+    """
+    if len(drive.times) < _AROUND:
+        return drive, 0
+    seconds = np.maximum(np.diff(drive.times), 1e-6)[:, None]
+    rates = np.diff(drive.ticks, axis=0) / seconds
+    usual = median_filter(rates, (_AROUND, 1), mode="nearest")
+    fastest = np.percentile(np.abs(usual), 99.0)
+    absurd = (np.abs(rates - usual) > 0.5 * fastest + _FEW_TICKS / seconds).any(axis=1)
+    steps = np.where(absurd[:, None], usual, rates) * seconds
+    ticks = np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
+    replaced = dataclasses.replace(drive, ticks=np.rint(ticks).astype(np.int64))
+    return (replaced, int(absurd.sum())) if absurd.any() else (drive, 0)
 
 
 def values_of(wheels: Wheels, mocap: Mocap, drives: int = 0) -> FloatArray:

@@ -1,26 +1,32 @@
 """What was driven, and whether a calibration of the wheels made from it is to be used."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.chain import BODY
 from host.calibration.result import Check, Fitted, at_least, at_most
 from host.calibration.wheels.fit import WINDOW_S, Fit
-from host.calibration.wheels.model import LAGS, Drive, values_of, windows_of
+from host.calibration.wheels.model import GEOMETRY, LAGS, Drive, Windows, values_of, windows_of
 from host.config import Mocap, Wheels
 from host.geometry import wrap
 from host.messages import FloatArray
 
 LEAST_WAY_M, LEAST_TURN_RAD = 3.0, math.radians(150.0)
-_RADIUS_LIMIT, _TRACK_LIMIT = 0.003, 0.006  # relative
+_RADIUS_LIMIT, _TRACK_LIMIT = 0.003, 0.0064  # relative
 _PLACE_LIMIT_M, _HEADING_LIMIT_RAD = 0.005, math.radians(0.5)
 _LEAST_USED = 0.6  # of the windows
 _PLAUSIBLE = 0.15  # relative, of a radius
 _TOO_ALIKE = 0.95  # correlation of the track with the difference of the radii
 _LEAST_SPREAD = 0.08  # of `Coverage.spread`
+_CURVE_S, _CURVES, _LEAST_CURVED = 0.5, (0.08, 0.75), 0.2  # of `Coverage.curved`
+_RADIUS_VARIES, _TRACK_VARIES = 0.0005, 0.002  # std between kinds of paths, relative ...
+_ALIKE = 1.3  # ... and so many times more where all curves are alike
 _VAGUE = 0.4  # sigma of a noise, as a share of it
+KEYS = ("wheels.left_radius_m", "wheels.right_radius_m", "wheels.track_m", *BODY)
 _NOISES = (
     ("distance_noise_m", "noise of the way after 1 m", "mm"),
     ("heading_noise_rad", "noise of the heading after 1 rad", "deg"),
@@ -36,7 +42,8 @@ class Coverage:
 
     way_m; left_rad, right_rad: rotated each way; straight: share of the way without rotating.
     spread: how different the curves were: the standard deviation of the share that rotating has in
-    the way of the wheels (0 straight on, 1 on the spot), over that way. 0 on a circle.
+    the way of the wheels (0 straight on, 1 on the spot), over that way. 0 on a circle. curved:
+    share of the time, in windows of 0.5 s, in curves: neither straight on nor on the spot.
     speeds, turn_rates (k,): m/s and rad/s in each window.
     """
 
@@ -45,6 +52,7 @@ class Coverage:
     right_rad: float
     straight: float
     spread: float
+    curved: float
     speeds: FloatArray
     turn_rates: FloatArray
 
@@ -53,12 +61,13 @@ def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
     """What the drives hold of ways and rotations."""
     windows = windows_of(drives, BIN_S, BIN_S)
     if not len(windows):
-        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(0), np.zeros(0))
-    x, y, rotation = windows.moved.T
-    # The chord of an arc is shorter than the arc.
-    way = np.hypot(x, y) / np.maximum(np.abs(np.sinc(rotation / math.tau)), 0.1)
-    side = 0.5 * track_m * np.abs(rotation)
+        return Coverage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(0), np.zeros(0))
+    rotation = windows.moved[:, 2]
+    way, side = _way_and_side(windows, track_m)
     share = side / np.maximum(way + side, 1e-9)
+    short = windows_of(drives, _CURVE_S, _CURVE_S)
+    each, rotating = _way_and_side(short.where(short.moving), track_m)
+    part = rotating / np.maximum(each + rotating, 1e-9)
     weight = np.maximum(way + side, 1e-12)
     mean = np.average(share, weights=weight)
     return Coverage(
@@ -67,9 +76,18 @@ def coverage(drives: Sequence[Drive], track_m: float) -> Coverage:
         float(-rotation[rotation < 0.0].sum()),
         float(way[share < 0.05].sum() / max(way.sum(), 1e-9)),
         math.sqrt(np.average((share - mean) ** 2, weights=weight)),
+        float(np.mean((part > _CURVES[0]) & (part < _CURVES[1]))) if len(part) else 0.0,
         way / BIN_S,
         rotation / BIN_S,
     )
+
+
+def _way_and_side(windows: Windows, track_m: float) -> tuple[FloatArray, FloatArray]:
+    """Way (w,) m of the middle between the wheels, and of each wheel about it."""
+    x, y, rotation = windows.moved.T
+    # The chord of an arc is shorter than the arc.
+    way = np.hypot(x, y) / np.maximum(np.abs(np.sinc(rotation / math.tau)), 0.1)
+    return way, 0.5 * track_m * np.abs(rotation)
 
 
 def value_rows(
@@ -84,19 +102,19 @@ def value_rows(
         pairs = (values[:6] + apart).T.tolist()
     small = _RADIUS_LIMIT * wheels.left_radius_m
     shown = (
-        ("wheels.left_radius_m", "left wheel's radius", small, "mm"),
-        ("wheels.right_radius_m", "right wheel's radius", small, "mm"),
-        ("wheels.track_m", "track", _TRACK_LIMIT * wheels.track_m, "mm"),
-        ("mocap.x_m", "tracked body, forward", _PLACE_LIMIT_M, "mm"),
-        ("mocap.y_m", "tracked body, to the left", _PLACE_LIMIT_M, "mm"),
-        ("mocap.heading_rad", "tracked body, heading", _HEADING_LIMIT_RAD, "deg"),
+        ("left wheel's radius", small, "mm"),
+        ("right wheel's radius", small, "mm"),
+        ("track", _TRACK_LIMIT * wheels.track_m, "mm"),
+        ("tracked body, forward", _PLACE_LIMIT_M, "mm"),
+        ("tracked body, to the left", _PLACE_LIMIT_M, "mm"),
+        ("tracked body, heading", _HEADING_LIMIT_RAD, "deg"),
     )
     before = values_of(wheels, mocap)
     rows = []
-    for k, (key, name, limit, unit) in enumerate(shown):
+    for k, (name, limit, unit) in enumerate(shown):
         rows.append(
             Fitted(
-                key=key,
+                key=KEYS[k],
                 name=name,
                 value=float(values[k]),
                 sigma=float(sigmas[k]),
@@ -204,13 +222,33 @@ def _track_correlation(found: Fit) -> float:
 
 def warnings(driven: Coverage) -> list[str]:
     """What may go wrong with a fit that is good for the drive it was made from."""
-    if driven.spread >= _LEAST_SPREAD:
-        return []
-    return [
-        f"all curves are alike (spread {driven.spread:.2f}, {_LEAST_SPREAD:.2f} is needed): expect "
-        "the fit to carry over badly to other paths; drive straight, in wide curves and on the "
-        "spot as well"
-    ]
+    if driven.spread < _LEAST_SPREAD:
+        return [
+            f"all curves are alike (spread {driven.spread:.2f}, {_LEAST_SPREAD:.2f} is needed): "
+            "expect the fit to carry over badly to other paths; drive straight, in wide curves and "
+            "on the spot as well"
+        ]
+    if driven.curved < _LEAST_CURVED:
+        return [
+            f"straight lines and rotations on the spot, curves for {100 * driven.curved:.0f} % of "
+            "the time only: expect the fit to carry over badly to other paths; drive wide and "
+            "narrow curves as well"
+        ]
+    return []
+
+
+def with_other_paths(found: Fit, driven: Coverage) -> Fit:
+    """The fit with a covariance that holds for other kinds of paths as well.
+
+    Radii and track are effective values, of tyres that are pressed and scrub: on recorded sessions
+    of one robot (free paths, circles, squares) tracks lay up to 0.5 % apart, several times what one
+    kind of path shows. Where all curves were alike, least is known of others.
+    """
+    alike = 1.0 - min(driven.spread / _LEAST_SPREAD, 1.0)
+    shares = np.array([_RADIUS_VARIES, _RADIUS_VARIES, _TRACK_VARIES * (1.0 + _ALIKE * alike)])
+    covariance = found.covariance.copy()
+    covariance[GEOMETRY, GEOMETRY] += np.diag((shares * found.values[GEOMETRY]) ** 2)
+    return dataclasses.replace(found, covariance=covariance)
 
 
 def residuals(found: Fit) -> str:

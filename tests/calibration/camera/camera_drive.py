@@ -53,6 +53,16 @@ REAR = Ground(
 GROUND = {"front": FRONT, "rear": REAR}
 
 
+def seen_middle(camera: Ground, place: FloatArray) -> FloatArray:
+    """Pixel (2,) of the middle of what is seen of a strip: of its near half, by apparent width."""
+    angles = (np.arange(60) + 0.5) / 60 * math.pi - 0.5 * math.pi
+    facing = math.atan2(camera.place[1] - place[1], camera.place[0] - place[0])
+    radius = 0.5 * RobotConfig().camera.strip.diameter_m
+    x, y = (place[k] + radius * side(angles + facing) for k, side in enumerate((np.cos, np.sin)))
+    points = np.column_stack((x, y, np.full(60, STRIP_M)))
+    return np.asarray(np.average(camera.pixels(points), axis=0, weights=np.cos(angles)))
+
+
 def shown(pixels: FloatArray) -> BoolArray:
     x, y = pixels.T
     return (x > 0.0) & (x < 1919.0) & (y > 0.0) & (y < 1079.0)
@@ -121,7 +131,7 @@ def gather(
     for time, places in zip(times, mates, strict=True):
         place = places[rng.integers(len(places))]
         eye = "front" if place[0] > 0.0 else "rear"
-        (pixel,) = GROUND[eye].pixels(np.array([[*place, STRIP_M]]))
+        pixel = seen_middle(GROUND[eye], place)
         pixel = pixel + rng.normal(0.0, noise_px, 2)
         if rng.random() < wrong or not shown(pixel[None])[0]:
             eye = str(rng.choice(["front", "rear"]))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from host.calibration.chain import BODY, Entry
 from host.calibration.gathered import Gathered
 from host.calibration.lidar.calibrate import calibrate, lidar_advice
 from host.calibration.report.text import needed, row_verdict
@@ -311,3 +312,20 @@ def test_sigmas_are_honest_over_simulated_drives() -> None:
     squares = np.mean(normalised, axis=0)
     print("normalised squared error of heading, x, y, delay:", squares, "mean", squares.mean())
     assert 0.5 < squares.mean() < 2.0
+
+
+def test_sigma_carries_how_well_the_tracked_body_is_known() -> None:
+    bench = Bench(lawn_mower, (standing(1.3, 0.4),), seconds=24.0)
+    alone = {row.key: row.sigma for row in calibrate(bench.gather()).fitted}
+    gathered = bench.gather()
+    covariance = np.diag([1e-3, 2e-3, 4e-3]) ** 2
+    gathered.chain.entries["wheels"] = Entry(BODY, np.zeros(3), covariance)
+    gathered.truth_time_sigma = 3e-3
+    chained = {row.key: row.sigma for row in calibrate(gathered).fitted}
+    for key, more in (
+        ("lidar.heading_rad", 4e-3),
+        ("lidar.x_m", 1e-3),
+        ("lidar.y_m", math.hypot(2e-3, 4e-3 * 0.01)),
+        ("lidar.delay_s", 3e-3),
+    ):
+        assert chained[key] == pytest.approx(math.hypot(alone[key], more), rel=0.01), key

@@ -182,6 +182,19 @@ def test_pushes_are_left_out():
     assert np.abs(normalised(found, TRUE, MOUNTED)).max() < 4.0
 
 
+@pytest.mark.parametrize("jump", [(5000, 0), (-300, 300), (65536, 65536), (0, 2_000_000_000)])
+def test_one_corrupt_row_of_ticks_does_not_spoil_a_fit(jump, thirty):
+    whole = wandering(1, 45.0)
+    ticks = whole.ticks.copy()
+    ticks[500:] += np.array(jump)
+    found = calibrate(
+        [Drive(whole.times, ticks, whole.truth_times, whole.truth)], Wheels(), Mocap()
+    )
+    for row, sound in zip(found.fitted[:6], thirty[1].fitted[:6], strict=True):
+        assert row.value == pytest.approx(sound.value, abs=0.3 * sound.sigma), row.name
+    assert "1 row(s) of ticks" in found.warnings[0]
+
+
 @pytest.mark.parametrize(
     ("name", "speeds", "turn_rates"),
     [
@@ -370,6 +383,13 @@ def sessions(recorded):
     return nominal, {name: [drive_of_run(run) for run in runs] for name, runs in read.items()}
 
 
+@pytest.fixture(scope="module")
+def fits(sessions):
+    """The fit of each session: of free paths, circles, squares."""
+    wheels, drives = sessions
+    return {name: calibrate(runs, wheels, Mocap()) for name, runs in drives.items()}
+
+
 def left_over(drives, nominal, fitted):
     """End error of the fit over that of the nominal geometry."""
     found = score_unseen("test", drives, nominal, fitted)
@@ -389,10 +409,23 @@ def test_a_fit_to_half_of_each_session_carries_over_to_the_other_half(sessions):
     assert np.mean(kept) <= 0.30, kept
 
 
-def test_a_fit_to_free_driving_carries_over_and_says_so(sessions):
+def test_sigmas_hold_across_kinds_of_paths(fits):
+    for k in range(3):
+        rows = [found.fitted[k] for found in fits.values()]
+        values, weights = np.array([(row.value, row.sigma**-2.0) for row in rows]).T
+        mean = np.average(values, weights=weights)
+        assert np.sum(weights * (values - mean) ** 2) / (len(rows) - 1) <= 1.5, rows[0].name
+    assert fits["free"].fitted[2].sigma < 0.6 * fits["circular"].fitted[2].sigma
+
+
+def test_squares_are_warned_of(fits):
+    assert "straight lines and rotations on the spot" in fits["square"].warnings[0]
+
+
+def test_a_fit_to_free_driving_carries_over_and_says_so(sessions, fits):
     wheels, drives = sessions
     nominal = wheels, Mocap()
-    found = calibrate(drives["free"], *nominal)
+    found = fits["free"]
     assert found.failures == []
     assert found.warnings == ()
     fitted = apply_fit(found, *nominal)
@@ -403,9 +436,9 @@ def test_a_fit_to_free_driving_carries_over_and_says_so(sessions):
         assert abs(row.halves[0] - row.halves[1]) <= 2.0 * row.limit
 
 
-def test_what_circles_alone_do_not_tell_is_said(sessions):
+def test_what_circles_alone_do_not_tell_is_said(sessions, fits):
     wheels, drives = sessions
-    both = calibrate(drives["circular"], wheels, Mocap())
+    both = fits["circular"]
     assert both.failures == []
     assert "carry over badly" in both.warnings[0]
     for run in (*drives["circular"], *drives["square"]):

@@ -1,0 +1,85 @@
+"""How well cameras are known by a fit, with what repeating the drive does not show."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from host.calibration.camera.model import NAMES, Pairs, errors, row_of, slopes, upward
+from host.calibration.camera.pairs import CAMERAS
+from host.calibration.robust.statistics import bent_factor, block_sums, blocks_of, sandwich
+from host.messages import BoolArray, FloatArray, IntArray
+
+# Std of what repeating does not show: by how much strips are found too low or too high, all of them
+# (a tenth of a reduced pixel); which instant of an exposure is the picture's; how high strips sit.
+_LOW_PX, _STAMP_S, _STRIP_M = 0.4, 1e-4, 5e-4
+# Errors nearer in time are not independent; nor those at one place in the picture, where the search
+# for strips is off alike.
+_BLOCK_S, _CELL_PX = 2.0, 240.0
+
+
+def covariance_of(
+    prior: FloatArray,
+    values: FloatArray,
+    pairs: Pairs,
+    used: BoolArray,
+    noise: float,
+    free: BoolArray,
+) -> FloatArray:
+    """Covariance (23, 23) of the values (23,) that were fitted to the pairs `used` (n,).
+
+    prior (23, 23): diagonal, what those that are not `free` (23,) keep. noise: of the pairs, in
+    units of their sigmas.
+    """
+    scale = noise * pairs.sigmas[used]
+    rows = slopes(values, pairs)[used][:, :, free] / scale[:, None, None]
+    gains = np.einsum("nij,ni->nj", rows, errors(values, pairs)[used] / scale[:, None])
+    held = np.diag(1.0 / np.diag(prior)[free])
+    inverse = np.asarray(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + held))
+    middle = scatter_of(_alike(pairs, used), gains, inverse) + held
+    # What is wrong alike in all pictures moves the fit as a whole.
+    up = upward(values, pairs)[used] / scale[:, None]
+    pulled = _LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up)
+    covariance = prior.copy()
+    covariance[np.ix_(free, free)] = sandwich(inverse, middle) + np.outer(pulled, pulled)
+    covariance[-1, -1] += _STAMP_S**2
+    return np.asarray(covariance + _of_the_strip(values, free))
+
+
+def _alike(pairs: Pairs, used: BoolArray) -> list[IntArray]:
+    """Blocks of pairs whose errors are alike: near in time, and at one place in the picture."""
+    times, cameras = pairs.strips.times[used], pairs.strips.cameras[used]
+    cells = np.floor(pairs.strips.pixels[used] / _CELL_PX) @ (1.0, 1e3)
+    return [blocks_of(times - times[0], _BLOCK_S), blocks_of(cells, 1.0, cameras)]
+
+
+def _of_the_strip(values: FloatArray, free: BoolArray) -> FloatArray:
+    """What of the covariance (23, 23) is for where a strip's middle truly is.
+
+    If it is higher, a camera is; if it is farther away, a camera is farther back.
+    """
+    moved = np.zeros((len(values), 2 * len(CAMERAS)))
+    for number in range(len(CAMERAS)):
+        heading = float(row_of(values, number)[NAMES.index("heading_rad")])
+        at = len(NAMES) * number + np.array([NAMES.index(name) for name in ("x_m", "y_m", "z_m")])
+        moved[at[:2], 2 * number] = math.cos(heading), math.sin(heading)
+        moved[at[2], 2 * number + 1] = 1.0
+    moved[~free] = 0.0
+    return np.asarray(_STRIP_M**2 * moved @ moved.T)
+
+
+def scatter_of(groups: Sequence[IntArray], gains: FloatArray, inverse: FloatArray) -> FloatArray:
+    """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
+
+    groups: numbers (n,) of the block that each pair is in, in several ways of making blocks; gains
+    (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by pair,
+    times the factors by which sums over blocks scatter more: a drive has too few blocks for
+    their scatter value by value.
+    """
+    alone = max(float(np.einsum("ni,ij,nj->", gains, inverse, gains)), 1e-12)
+    factor = 1.0
+    for blocks in groups:
+        sums = block_sums(gains, blocks)
+        together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
+        factor *= max(1.0, float(together) / alone)
+    return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)
