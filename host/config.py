@@ -8,7 +8,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import (
     AfterValidator,
@@ -19,8 +19,9 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from host.config_cameras import Camera, Cameras, Section, Strip
-from host.config_errors import NOT_REGISTERED, explain_settings
+from host.config_cameras import Camera, Cameras, Section, Strip, Text
+from host.config_errors import NOT_REGISTERED, explain_settings, explain_toml
+from host.config_mocap import Ceiling, Mocap, NatNet
 from host.errors import UserError
 from host.registry import BOARDS, FILTERS, LIDARS, Registry
 
@@ -84,7 +85,7 @@ class Board(Section):
     """The board that counts ticks and drives the motors; port "auto": found by its USB ids."""
 
     model: Annotated[str, AfterValidator(_registered(BOARDS))] = "romeo"
-    port: str = Field("auto", min_length=1)
+    port: Text = "auto"
     report_rate_hz: int = Field(50, ge=10, le=100)
 
 
@@ -121,6 +122,23 @@ BlindSectors = Annotated[
 ]
 
 
+_LEAST_VIEW_RAD = 0.05
+
+
+def _free_view(field_rad: float, sectors: tuple[BlindSector, ...]) -> float:
+    """How much (rad) of a field of view, centred ahead, blind sectors leave."""
+    free, end = 0.0, -0.5 * field_rad
+    turned = [
+        (s.centre_rad + whole - 0.5 * s.width_rad, s.centre_rad + whole + 0.5 * s.width_rad)
+        for s in sectors
+        for whole in (-math.tau, 0.0, math.tau)
+    ]
+    for first, last in [*sorted(turned), (0.5 * field_rad, 0.5 * field_rad)]:
+        free += max(min(first, 0.5 * field_rad) - end, 0.0)
+        end = max(end, last)
+    return free
+
+
 def _pillars() -> tuple[BlindSector, ...]:
     degrees = (45.0, 135.0, -135.0, -45.0)
     return tuple(
@@ -132,7 +150,7 @@ class Lidar(Section):
     """The lidar: model, port, mounting in the robot frame, and what it sees of a teammate."""
 
     model: Annotated[str, AfterValidator(_registered(LIDARS))] = "x4"
-    port: str = Field("auto", min_length=1)
+    port: Text = "auto"
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
@@ -147,6 +165,19 @@ class Lidar(Section):
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
     clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections per revolution
     blind_sectors: BlindSectors = Field(default_factory=_pillars)
+
+    @model_validator(mode="after")
+    def _ranges_and_a_view(self) -> Self:
+        if self.min_range_m >= self.max_range_m:
+            raise ValueError(
+                f"min_range_m ({self.min_range_m}) must be less than max_range_m "
+                f"({self.max_range_m}): as it is, nothing is ever seen"
+            )
+        if _free_view(self.field_of_view_rad, self.blind_sectors) < _LEAST_VIEW_RAD:
+            raise ValueError(
+                "blind_sectors hide all of field_of_view_rad: as it is, nothing is ever seen"
+            )
+        return self
 
 
 class PmbSettings(Section):
@@ -181,57 +212,15 @@ class FilterSettings(Section):
     def _forget_below_report(self) -> Self:
         if self.forget_weight > self.report_weight:
             raise ValueError(f"forget_weight must be at most report_weight ({self.report_weight})")
+        if self.prune_weight > self.forget_weight:
+            raise ValueError(f"prune_weight must be at most forget_weight ({self.forget_weight})")
         return self
-
-
-class NatNet(Section):
-    """Where the motion capture's server (Motive) streams from, and how."""
-
-    server: str = Field("192.168.0.100", min_length=1)
-    connection: Literal["multicast", "unicast"] = "multicast"
-    multicast_group: str = Field("239.255.42.99", min_length=1)
-    command_port: int = Field(1510, ge=1, le=65535)
-    data_port: int = Field(1511, ge=1, le=65535)
-    up: Literal["y", "z"] = "y"  # the vertical axis in Motive
-
-
-class Ceiling(Section):
-    """A camera under the ceiling that sees ArUco tags on the robots.
-
-    eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
-    delay_s: from an exposure to the picture's time stamp, or to its arrival where it has none.
-    mains_hz: of the mains that the lamps are on, see `Cameras`.
-    """
-
-    mains_hz: Literal[50, 60] = 50
-    delay_s: float = Field(0.0, ge=0.0, le=2.0)
-    eye: Camera = Camera(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
-    tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
-    tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
-    dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
-
-
-class Mocap(Section):
-    """Motion capture: the truth for calibration and evaluation, never for the estimate.
-
-    body: the number of this robot's own body (streaming id, tag); x_m, y_m, heading_rad: where
-    that body's origin and x-axis are in the robot frame. Other bodies are teammates, with their
-    origins above the middle of their turrets.
-    """
-
-    source: Literal["none", "natnet", "ceiling"] = "none"
-    body: int = Field(1, ge=0, le=2**31 - 1)
-    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
-    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
-    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
-    natnet: NatNet = NatNet()
-    ceiling: Ceiling = Ceiling()
 
 
 class RobotConfig(Section):
     """robot.toml: one robot."""
 
-    name: str = "cherokey"
+    name: Text = "cherokey"
     wheels: Wheels = Wheels()
     motors: Motors = Motors()
     board: Board = Board()
@@ -253,7 +242,9 @@ def load_config(path: str | Path) -> RobotConfig:
         ) from error
     except UnicodeDecodeError as error:
         raise UserError(
-            f"{path} is not a text file", f"byte {error.start} is not UTF-8", "save it as UTF-8"
+            f"{path}, line {error.object.count(10, 0, error.start) + 1}: no text in UTF-8",
+            f"byte {error.start} is not",
+            "save it as UTF-8",
         ) from error
     return parse_config(text, str(path))
 
@@ -263,7 +254,13 @@ def parse_config(text: str, name: str = "robot.toml") -> RobotConfig:
     try:
         return RobotConfig.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{name} is not valid TOML", str(error)) from error
+        raise UserError(f"{name} is not valid TOML", explain_toml(error, text)) from error
+    except RecursionError as error:
+        raise UserError(
+            f"{name} cannot be read",
+            "brackets or tables are nested hundreds deep",
+            "write it as in robots/cherokey.toml",
+        ) from error
     except ValidationError as error:
         lines = explain_settings(error, RobotConfig, text)
         raise UserError(

@@ -1,9 +1,20 @@
 """The cameras' settings of robot.toml: pictures, lens and mounting, and the strip to look for."""
 
 import math
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+
+def _printable(text: str) -> str:
+    """The text. Raises ValueError for control characters, which would write over the screen."""
+    wrong = next((letter for letter in text if not letter.isprintable()), None)
+    if wrong is not None:
+        raise ValueError(f"it holds the control character {wrong!r}: remove it")
+    return text
+
+
+Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
 
 
 class Section(BaseModel):
@@ -20,7 +31,7 @@ class Camera(Section):
     or focal_px * sin(t) ("orthographic", Perera 2021 eq. 34).
     """
 
-    source: str = Field("none", min_length=1)
+    source: Text = "none"
     width_px: int = Field(1920, ge=64, le=8192)
     height_px: int = Field(1080, ge=64, le=8192)
     rate_hz: float = Field(30.0, gt=0.0, le=240.0)
@@ -75,6 +86,15 @@ class Strip(Section):
                 )
             data = {"pattern": "one_colour", **data}
         return {**_ONE_COLOUR, **data} if data["pattern"] == "one_colour" else data
+
+    @model_validator(mode="after")
+    def _above_the_floor(self) -> Self:
+        if self.height_m < 0.5 * self.tall_m:
+            raise ValueError(
+                f"height_m ({self.height_m}) of the strip's middle must be half of tall_m "
+                f"({self.tall_m}) at least: it cannot reach below the floor"
+            )
+        return self
 
     @model_validator(mode="after")
     def _colours_are_used(self) -> Self:

@@ -1,13 +1,17 @@
 """What is wrong in a robot.toml, in words: the key, its line, the bound, and a guess."""
 
 import difflib
+import math
 import re
+import tomllib
 import typing
 from collections.abc import Iterator
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+# Units of the screen that are written for those of a key, and what one of them is in it.
+_UNITS = {"_rad": ("deg", math.pi / 180.0), "_m": ("mm", 1e-3), "_s": ("ms", 1e-3)}
 NOT_REGISTERED = "not_registered"  # the type of a validation error: a name without an entry
 
 
@@ -30,9 +34,48 @@ def _explain(detail: ErrorDetails, model: type[BaseModel], text: str | None) -> 
         case "model_type":
             return f"{where} must be a table: write [{key}] above its settings"
         case "value_error":
-            return f"{where}: {detail['ctx']['error']}"
+            words = str(detail["ctx"]["error"])
+            if text is not None:  # words about two settings begin with the name of one
+                named = [_line_of([*location, name], text) for name in re.findall(r"\w+", words)]
+                where = f"line {max(named, default=_line_of(location, text))}: {key}"
+            return f"{where}: {words}"
     message = detail["msg"]
-    return f"{where} = {detail['input']!r}: {message[:1].lower()}{message[1:]}"
+    hint = _unit_hint(key, detail["input"])
+    return f"{where} = {detail['input']!r}: {message[:1].lower()}{message[1:]}{hint}"
+
+
+def _unit_hint(key: str, value: object) -> str:
+    """What the user may have meant by a number out of bounds: one in the unit of the screen."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return ""
+    for suffix, (unit, factor) in _UNITS.items():
+        if key.endswith(suffix):
+            return f"; {value:g} {unit} are {value * factor:.6g} {suffix[1:]}"
+    return ""
+
+
+def explain_toml(error: tomllib.TOMLDecodeError, text: str) -> str:
+    """What keeps a text from being TOML, by its line, with a guess."""
+    if text.startswith("\ufeff"):
+        return "line 1 begins with a byte-order mark: save it as UTF-8 without one (BOM)"
+    seen: dict[tuple[str, ...], int] = {}
+    for number, path in _paths(text, None):
+        header = text.splitlines()[number - 1].lstrip().startswith("[[")
+        first = seen.setdefault(tuple(path), number)
+        if first != number and not header and "[[" not in text[: _offset(text, number)]:
+            return f"line {number}: {'.'.join(path)} is set twice, first in line {first}"
+    found = re.search(r"line (\d+)", str(error))
+    line = text.splitlines()[int(found[1]) - 1] if found else ""
+    if re.search(r"=\s*-?\d+,\d", line):
+        return f"{error}: write decimals with a point, as 0.5"
+    if re.search(r"=\s*[A-Za-z/]", line):
+        return f'{error}: write text in quotes, as name = "five"'
+    return str(error)
+
+
+def _offset(text: str, line: int) -> int:
+    """Where a line (from 1) of the text ends."""
+    return sum(len(each) for each in text.splitlines(keepends=True)[:line])
 
 
 def _suggestion(location: list[int | str], model: type[BaseModel]) -> str:

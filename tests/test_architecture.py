@@ -35,6 +35,7 @@ FLOORS = {
     "config": 1,
     "config_cameras": 1,
     "config_errors": 1,
+    "config_mocap": 1,
     "registry": 1,
     "folders": 1,
     "errors": 1,

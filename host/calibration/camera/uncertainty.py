@@ -1,21 +1,18 @@
 """How well cameras are known by a fit, with what repeating the drive does not show."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from host.calibration.camera.model import NAMES, Pairs, errors, row_of, slopes, upward
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.robust.statistics import bent_factor, block_sums, blocks_of, sandwich
-from host.messages import BoolArray, FloatArray, IntArray
+from host.messages import BoolArray, FloatArray
 
 # Std of what repeating does not show: by how much strips are found too low or too high, all of them
 # (a tenth of a reduced pixel); which instant of an exposure is the picture's; how high strips sit.
 _LOW_PX, _STAMP_S, _STRIP_M = 0.4, 1e-4, 5e-4
-# Errors nearer in time are not independent; nor those at one place in the picture, where the search
-# for strips is off alike.
-_BLOCK_S, _CELL_PX = 2.0, 240.0
+_BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
 def covariance_of(
@@ -33,24 +30,18 @@ def covariance_of(
     """
     scale = noise * pairs.sigmas[used]
     rows = slopes(values, pairs)[used][:, :, free] / scale[:, None, None]
-    gains = np.einsum("nij,ni->nj", rows, errors(values, pairs)[used] / scale[:, None])
+    off = errors(values, pairs)[used] / scale[:, None]
     held = np.diag(1.0 / np.diag(prior)[free])
     inverse = np.asarray(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + held))
-    middle = scatter_of(_alike(pairs, used), gains, inverse) + held
+    gains = np.einsum("nij,ni->nj", rows, off)
+    middle = scatter_of(pairs.strips.times[used], gains, inverse) + held
     # What is wrong alike in all pictures moves the fit as a whole.
-    up = upward(values, pairs)[used] / scale[:, None]
-    pulled = _LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up)
+    up = upward(values, pairs)[used]
+    pulled = _LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up / scale[:, None])
     covariance = prior.copy()
     covariance[np.ix_(free, free)] = sandwich(inverse, middle) + np.outer(pulled, pulled)
     covariance[-1, -1] += _STAMP_S**2
     return np.asarray(covariance + _of_the_strip(values, free))
-
-
-def _alike(pairs: Pairs, used: BoolArray) -> list[IntArray]:
-    """Blocks of pairs whose errors are alike: near in time, and at one place in the picture."""
-    times, cameras = pairs.strips.times[used], pairs.strips.cameras[used]
-    cells = np.floor(pairs.strips.pixels[used] / _CELL_PX) @ (1.0, 1e3)
-    return [blocks_of(times - times[0], _BLOCK_S), blocks_of(cells, 1.0, cameras)]
 
 
 def _of_the_strip(values: FloatArray, free: BoolArray) -> FloatArray:
@@ -68,18 +59,15 @@ def _of_the_strip(values: FloatArray, free: BoolArray) -> FloatArray:
     return np.asarray(_STRIP_M**2 * moved @ moved.T)
 
 
-def scatter_of(groups: Sequence[IntArray], gains: FloatArray, inverse: FloatArray) -> FloatArray:
+def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
     """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
 
-    groups: numbers (n,) of the block that each pair is in, in several ways of making blocks; gains
-    (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by pair,
-    times the factors by which sums over blocks scatter more: a drive has too few blocks for
-    their scatter value by value.
+    gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by
+    pair, times the factor by which sums over blocks of time scatter more: a drive has too few
+    blocks for their scatter value by value.
     """
-    alone = max(float(np.einsum("ni,ij,nj->", gains, inverse, gains)), 1e-12)
-    factor = 1.0
-    for blocks in groups:
-        sums = block_sums(gains, blocks)
-        together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
-        factor *= max(1.0, float(together) / alone)
+    sums = block_sums(gains, blocks_of(times - times[0], _BLOCK_S))
+    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
+    alone = np.einsum("ni,ij,nj->", gains, inverse, gains)
+    factor = max(1.0, float(together) / max(float(alone), 1e-12))
     return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

@@ -1,0 +1,77 @@
+"""The settings of motion capture in robot.toml: a NatNet server, or a camera under the ceiling."""
+
+import ipaddress
+import math
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from host.config_cameras import Camera, Section, Text
+
+
+class NatNet(Section):
+    """Where the motion capture's server (Motive) streams from, and how."""
+
+    server: Text = "192.168.0.100"
+    connection: Literal["multicast", "unicast"] = "multicast"
+    multicast_group: Text = "239.255.42.99"
+    command_port: int = Field(1510, ge=1, le=65535)
+    data_port: int = Field(1511, ge=1, le=65535)
+    up: Literal["y", "z"] = "y"  # the vertical axis in Motive
+
+    @model_validator(mode="after")
+    def _ports_and_group(self) -> Self:
+        if self.command_port == self.data_port:
+            raise ValueError(f"data_port must differ from command_port ({self.command_port})")
+        try:
+            multicast = ipaddress.IPv4Address(self.multicast_group).is_multicast
+        except ValueError:
+            multicast = False
+        if not multicast:
+            raise ValueError(
+                f"multicast_group ({self.multicast_group}) must be an address of multicast, "
+                "224.0.0.0 to 239.255.255.255, as Motive shows it"
+            )
+        return self
+
+
+class Ceiling(Section):
+    """A camera under the ceiling that sees ArUco tags on the robots.
+
+    eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
+    delay_s: from an exposure to the picture's time stamp, or to its arrival where it has none.
+    mains_hz: of the mains that the lamps are on, see `Cameras`.
+    """
+
+    mains_hz: Literal[50, 60] = 50
+    delay_s: float = Field(0.0, ge=0.0, le=2.0)
+    eye: Camera = Camera(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
+    tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
+    tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
+    dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
+
+    @model_validator(mode="after")
+    def _tags_below(self) -> Self:
+        if self.tag_height_m >= self.eye.z_m:
+            raise ValueError(
+                f"tag_height_m ({self.tag_height_m}) must be less than z_m of the camera in "
+                f"[mocap.ceiling.eye] ({self.eye.z_m}): it looks down on the tags"
+            )
+        return self
+
+
+class Mocap(Section):
+    """Motion capture: the truth for calibration and evaluation, never for the estimate.
+
+    body: the number of this robot's own body (streaming id, tag); x_m, y_m, heading_rad: where
+    that body's origin and x-axis are in the robot frame. Other bodies are teammates, with their
+    origins above the middle of their turrets.
+    """
+
+    source: Literal["none", "natnet", "ceiling"] = "none"
+    body: int = Field(1, ge=0, le=2**31 - 1)
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    natnet: NatNet = NatNet()
+    ceiling: Ceiling = Ceiling()
