@@ -150,7 +150,7 @@ def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
         load_config(tmp_path / "absent.toml")
     assert "swarmloc init" in caught.value.next_step
     (tmp_path / "binary.toml").write_bytes(b"name = '\xff'")
-    with pytest.raises(UserError, match=r"binary\.toml is not a text file\nbyte 8"):
+    with pytest.raises(UserError, match=r"binary\.toml, line 1: no text in UTF-8\nbyte 8"):
         load_config(tmp_path / "binary.toml")
     assert re.search(r"my\.toml is not valid TOML\n.*line 2", complaint("\n[wheels\n"))
 
@@ -182,7 +182,7 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
 
 
 def test_a_filter_cannot_forget_before_it_reports():
-    with pytest.raises(UserError, match=r"line 1: filter: forget_weight must be at most"):
+    with pytest.raises(UserError, match=r"line 3: filter: forget_weight must be at most"):
         parse_config("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
 
 
@@ -219,3 +219,56 @@ def test_a_colour_for_a_strip_of_two_colours_is_a_mistake() -> None:
 def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
     robot = parse_config(f'[camera.strip]\npattern = "{pattern}"\n')
     assert RobotConfig.model_validate(robot.model_dump(mode="json")) == robot
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "[lidar]\nx_m = 0.1\nmin_range_m = 3.0\n",
+            "line 3: lidar: min_range_m (3.0) must be less",
+        ),
+        ("[lidar]\nx_m = 0.1\nmax_range_m = 0.12\n", "line 3: lidar: min_range_m (0.12) must be"),
+        (
+            "[lidar]\nfield_of_view_rad = 0.5\n"
+            "[[lidar.blind_sectors]]\ncentre_rad = 0.2\nwidth_rad = 0.5\n"
+            "[[lidar.blind_sectors]]\ncentre_rad = -0.2\nwidth_rad = 0.4\n",
+            "blind_sectors hide all of field_of_view_rad",
+        ),
+        (
+            "[lidar]\n"
+            + "".join(
+                f"[[lidar.blind_sectors]]\ncentre_rad = {c}\nwidth_rad = 1.6\n"
+                for c in (0.0, 1.57, 3.14, -1.57)
+            ),
+            "blind_sectors hide all of field_of_view_rad",
+        ),
+        (
+            "[camera.strip]\npattern = 'two_colours'\nheight_m = 0.02\n",
+            "line 3: camera.strip: height",
+        ),
+        ("[filter]\nprune_weight = 0.05\n", "line 2: filter: prune_weight must be at most"),
+        ("[mocap.natnet]\ndata_port = 1510\n", "line 2: mocap.natnet: data_port must differ"),
+        ("[mocap.natnet]\nmulticast_group = '10.0.0.1'\n", "must be an address of multicast"),
+        ("[mocap.ceiling]\ntag_height_m = 2.6\n", "line 2: mocap.ceiling: tag_height_m (2.6) must"),
+        ("\ufeffname = 'a'\n", "line 1 begins with a byte-order mark"),
+        ("[lidar]\nx_m = 0.1\n\nx_m = 0.2\n", "line 4: lidar.x_m is set twice, first in line 2"),
+        ("[lidar]\n[wheels]\n[lidar]\n", "line 3: lidar is set twice, first in line 1"),
+        ("[lidar]\nx_m = 0,1\n", "write decimals with a point, as 0.5"),
+        ("name = five\n", "write text in quotes"),
+        ("a = " + 3000 * "[" + 3000 * "]", "nested hundreds deep"),
+        ("x = {" + 2000 * "a={" + 2001 * "}" + "\n", "nested hundreds deep"),
+        ('name = "a\\u001b[2J"\n', r"line 1: name: it holds the control character '\x1b'"),
+        ('[board]\nport = "a\\u0007"\n', r"line 2: board.port: it holds the control character"),
+        ("[lidar]\nheading_rad = 45\n", "45 deg are 0.785398 rad"),
+        ("[wheels]\nleft_radius_m = 32.5\n", "32.5 mm are 0.0325 m"),
+        ("[lidar]\ndelay_s = 150\n", "150 ms are 0.15 s"),
+    ],
+)
+def test_what_cannot_be_meant_is_said_by_its_line_with_a_hint(text: str, words: str) -> None:
+    assert words in complaint(text)
+
+
+def test_sectors_that_leave_a_view_pass() -> None:
+    behind = "[[lidar.blind_sectors]]\ncentre_rad = 3.1\nwidth_rad = 3.0\n"
+    assert len(parse_config(f"[lidar]\n{behind}{behind}").lidar.blind_sectors) == 2

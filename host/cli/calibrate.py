@@ -198,7 +198,7 @@ def detection(source: str | None, **common: Any) -> None:
     "all",
     epilog="""\b
 Example:
-  swarmloc calibrate all drive.swarmloc --robot robot.toml""",
+  swarmloc calibrate all drive.mcap --robot robot.toml""",
 )
 @click.argument("source")
 @fit_options("all")

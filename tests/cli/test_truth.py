@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from host.calibration.chain import BODY, load
+from host.calibration.wheels.calibrate import calibrate as calibrate_drives
+from host.calibration.wheels.drives import drive_of_run
 from host.cli.main import main
-from host.config import RobotConfig
+from host.config import Mocap, RobotConfig, load_config
 from host.drivers.romeo.differential_drive import displacement
+from host.messages import Bodies
 from host.recording import optiodom
-from host.recording.log import Recorder, RecordingHeader
+from host.recording.log import Recorder, Recording, RecordingHeader
 
 RUN = "optiodom/free/030120210001/030120210001_run-01"
 
@@ -37,20 +41,23 @@ def ticks(recorded, tmp_path_factory):
 def test_the_export_gives_the_geometry_that_its_authors_synchronised_gives(
     ticks, recorded, tmp_path
 ):
-    found = {}
-    for name, source in {
-        "export": (ticks, "--truth", f"{recorded(f'{RUN}_opti.csv')}:robot-diff"),
-        "authors": (f"optiodom:{recorded(f'{RUN}.csv')}",),
-    }.items():
-        figures = tmp_path / f"{name}.json"
-        report = ("--report", tmp_path / "report.html")
-        result = run("calibrate", "wheels", *source, "--json", figures, *report)
-        assert result.exit_code == 0, result.output
-        found[name] = json.loads(figures.read_text())["fitted"][:3]
-        if name == "export":
-            assert re.search(r"its 0 s is at 308\.\d+ s .* ± \d\.\d ms", result.output)
-    for mine, theirs in zip(found["export"], found["authors"], strict=True):
-        assert abs(mine["value"] - theirs["value"]) < 3.0 * theirs["sigma"], mine["name"]
+    (nominal,) = optiodom.read_runs(recorded(f"{RUN}.csv"))
+    robot, figures = tmp_path / "robot.toml", tmp_path / "figures.json"
+    wheels = nominal.wheels.model_dump()
+    robot.write_text("[wheels]\n" + "".join(f"{k} = {v!r}\n" for k, v in wheels.items()))
+    where = ("--robot", robot, "--json", figures, "--report", tmp_path / "report.html")
+    truth = f"{recorded(f'{RUN}_opti.csv')}:robot-diff"
+    result = run("calibrate", "all", ticks, "--truth", truth, *where)
+    assert result.exit_code == 0, result.output
+    assert re.search(r"its 0 s is at 308\.\d+ s .* ± \d\.\d ms", result.output)
+    assert "lidar: left out" in result.output
+    assert "camera: left out, " in result.output
+    (mine,) = json.loads(figures.read_text())
+    (theirs,) = calibrate_drives([drive_of_run(nominal)], nominal.wheels, Mocap()).fitted[:1]
+    written = load_config(robot)
+    assert written.wheels.left_radius_m == pytest.approx(mine["fitted"][0]["value"], rel=1e-5)
+    assert written.wheels.left_radius_m == pytest.approx(theirs.value, abs=3.0 * theirs.sigma)
+    assert load(robot).covariance(written, BODY)[2, 2] > 0.0
 
 
 def test_another_take_and_a_scenario_are_refused(ticks, recorded, tmp_path):
@@ -65,13 +72,11 @@ def test_another_take_and_a_scenario_are_refused(ticks, recorded, tmp_path):
         assert result.exit_code == 1
         assert words in result.output, result.output
     assert run("calibrate", "wheels", "--truth", other).exit_code == 2
+    assert run("calibrate", "all", ticks).exit_code == 2
     assert run("evaluate", "a", "b", "--truth", other).exit_code == 2
 
 
 def test_evaluate_scores_by_a_file_as_by_the_motion_capture_that_it_was_written_from(tmp_path):
-    from host.messages import Bodies
-    from host.recording.log import Recording
-
     drive, bare, truth = (tmp_path / name for name in ("d.mcap", "b.mcap", "t.csv"))
     scenario = "arena4:seconds=20,seed=2,mocap_hz=50"
     assert run("simulate", scenario, "--output", drive).exit_code == 0
