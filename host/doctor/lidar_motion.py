@@ -14,6 +14,7 @@ from host.perception.scan_match import Surroundings
 
 _FEWEST_RETURNS = 60
 _FITS = 0.4  # not more than this share of the returns has nothing near it in the scan before
+_GAP_S = 0.4  # revolutions further apart cannot be matched
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,25 +39,25 @@ class LidarMotion:
 
 
 def motion_of(scans: Sequence[Scan], lidar: Lidar) -> LidarMotion | None:
-    """Match each scan with the one before; None where there are too few or they do not fit.
+    """Match each scan with the one before; None where there is a gap or they do not fit.
 
     The robot should move by less than 0.3 m and 0.5 rad from one revolution to the next.
     """
     mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
     usable = [scan for scan in scans if np.count_nonzero(scan.ranges > 0.0) >= _FEWEST_RETURNS]
-    if len(usable) < 2:
+    gaps = np.diff([scan.time for scan in usable])
+    if len(usable) < 2 or gaps.max() > _GAP_S:
         return None
     seen = [_points(scan, mounting) for scan in usable]
-    poses, bad = [np.zeros(3)], 0
+    poses = [np.zeros(3)]
     for before, points in itertools.pairwise(seen):
         surroundings = Surroundings(before)
         step = surroundings.match(points, np.zeros(3))
-        bad += surroundings.misfit(points, step) > _FITS
+        if surroundings.misfit(points, step) > _FITS:
+            return None
         at = poses[-1]
         x, y = to_parent(step[None, :2], at)[0]
         poses.append(np.array([x, y, at[2] + step[2]]))
-    if bad > 0.2 * len(poses):
-        return None
     times = np.array([float(np.mean(scan.times)) for scan in usable])
     return LidarMotion(times, np.array(poses))
 

@@ -21,7 +21,7 @@ class WheelTest:
     """side: 0 left, 1 right, of the wheel that was driven forward.
 
     counted (2,) m: travel of the wheels (left, right) by their encoders. seen (2,) m: the same by
-    the lidar; None where it cannot tell, as with wheels in the air.
+    the lidar; None where it could not follow.
     """
 
     side: int
@@ -118,8 +118,8 @@ def _without_lidar(test: WheelTest, counted: int | None, motors: Motors) -> Diag
         Finding(
             "board",
             Level.OK,
-            f"the {name} encoder counts forward; the lidar saw nothing move, as with wheels in the "
-            "air",
+            f"the {name} encoder counts forward; whether the wheel did, the lidar does not show: "
+            "wheels in the air, or too few revolutions",
         )
     )
 
@@ -129,6 +129,7 @@ def _bad(what: str, next_step: str) -> Diagnosis:
 
 
 def _mover(travel: FloatArray) -> int | None:
-    """The wheel that went further, None where neither moved."""
+    """The wheel that went further, None where neither moved, or both did."""
     further = int(np.argmax(np.abs(travel)))
-    return further if abs(travel[further]) >= MOVED_M else None
+    alone = abs(travel[further]) > 2.0 * abs(travel[1 - further])
+    return further if alone and abs(travel[further]) >= MOVED_M else None

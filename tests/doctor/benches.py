@@ -110,7 +110,7 @@ class Bench:
     def enter(self, context: Any) -> Any:
         return self._stack.enter_context(context)
 
-    def feed(self, picture: Callable[[int], bytes], rate_hz: float = 10.0) -> str:
+    def feed(self, picture: Callable[[int], bytes], rate_hz: float = 14.0) -> str:
         """A pipe of pictures, by number."""
         pipe = PictureFeed(self.folder / f"pipe{next(self._names)}")
 

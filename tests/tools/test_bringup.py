@@ -38,6 +38,9 @@ esac""",
     "environment-python": 'cp HERE/environment-swarmloc "${0%python}swarmloc"',
     "environment-swarmloc": """
 cd CHECKOUT
+case "$*" in
+*--udev-rules) exec PYTHON -c 'from host.drivers.udev import RULES; print(RULES, end="")' ;;
+esac
 exec PYTHON -c "from host.cli.main import main; main()" "$@\"""",
 }
 
