@@ -1,4 +1,8 @@
-"""How late each sensor is against the wheels, by headings while the robot rotates."""
+"""How late each sensor is against the wheels, by headings while the robot rotates.
+
+Scans are matched as they are, not corrected for the rotation within them: that alone makes up 40 ms
+at 1 rad/s in simulation, so only more than that is called a delay.
+"""
 
 from collections.abc import Callable
 

@@ -27,6 +27,10 @@ class LidarMotion:
     times: FloatArray
     poses: FloatArray
 
+    def covers(self, begin: float, end: float) -> bool:
+        """Was the robot seen all the time between two times, s?"""
+        return bool(self.times[0] <= begin + _GAP_S and self.times[-1] >= end - _GAP_S)
+
     def between(self, begin: float, end: float) -> FloatArray:
         """The motion (3,) between two times, s, in the frame of the first one."""
         first, last = (

@@ -41,18 +41,21 @@ class Phase:
 class Spin:
     """Drives the wheels; `findings` then judges what was watched meanwhile.
 
-    drive(m/s, rad/s): has to be called again and again, as `Romeo.command`.
+    drive(m/s, rad/s): has to be called again and again, as `Romeo.command`. clock: of the messages'
+    times, s; sleep: lets it pass.
     """
 
     drive: Drive
     config: RobotConfig
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
     _tests: list[WheelTest] = field(default_factory=list)
     _begin: float = 0.0
     _rotations: list[Phase] = field(default_factory=list)
 
     def run(self, watched: Watched) -> None:
         """Each wheel, then rotations where both are in order."""
-        self._begin, track = time.monotonic(), self.config.wheels.track_m
+        self._begin, track = self.clock(), self.config.wheels.track_m
         for side, turn in enumerate((-1.0, 1.0)):  # the left wheel alone rotates it clockwise
             phase = self._hold(0.5 * _SPEED_MPS, turn * _SPEED_MPS / track, _DRIVE_S)
             self._tests.append(self._test(side, watched, phase))
@@ -61,16 +64,16 @@ class Spin:
                 self._rotations.append(self._hold(0.0, turn, _TURN_S))
 
     def _hold(self, speed: float, turn_rate: float, seconds: float) -> Phase:
-        begin = time.monotonic()
+        begin = self.clock()
         for until, command in (
             (begin + seconds, (speed, turn_rate)),
             (begin + seconds + 0.2, (0.0, 0.0)),
         ):
-            while time.monotonic() < until:
+            while self.clock() < until:
                 self.drive(*command)
-                time.sleep(_COMMAND_S)
-        time.sleep(_REST_S)
-        return Phase(begin, time.monotonic())
+                self.sleep(_COMMAND_S)
+        self.sleep(_REST_S)
+        return Phase(begin, self.clock())
 
     def findings(self, watched: Watched) -> tuple[list[Finding], Mapping[str, bool]]:
         """What was found, and what to change in robot.toml, by dotted key."""
@@ -100,7 +103,7 @@ class Spin:
         scans = [scan for scan in watched.scans if phase.begin - 0.5 < scan.time]
         motion = motion_of(scans, self.config.lidar)
         seen = None
-        if motion is not None:
+        if motion is not None and motion.covers(phase.begin, phase.end):
             half_track = 0.5 * self.config.wheels.track_m
             seen = wheel_travel(motion.between(phase.begin, phase.end), half_track)
         return WheelTest(side, self._counted(watched, phase), seen)

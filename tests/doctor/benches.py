@@ -32,7 +32,7 @@ from tests.drivers.camera.fake_camera import FakeCamera
 PUMP_S = 0.01
 WIDTH, HEIGHT = 320, 240
 CAMERA = Camera(
-    width_px=WIDTH, height_px=HEIGHT, rate_hz=10.0, focal_px=100.0, centre_x_px=160, centre_y_px=120
+    width_px=WIDTH, height_px=HEIGHT, rate_hz=1.0, focal_px=100.0, centre_x_px=160, centre_y_px=120
 )
 
 
@@ -87,6 +87,7 @@ class Bench:
         self._stack = contextlib.ExitStack()
         self._names = itertools.count()
         self._threads: list[threading.Thread] = []
+        self.stood_still_s = 0.0  # the longest time in which nothing was simulated
 
     def __enter__(self) -> "Bench":
         self._start(self._pump)
@@ -110,7 +111,7 @@ class Bench:
     def enter(self, context: Any) -> Any:
         return self._stack.enter_context(context)
 
-    def feed(self, picture: Callable[[int], bytes], rate_hz: float = 14.0) -> str:
+    def feed(self, picture: Callable[[int], bytes], rate_hz: float = 8.0) -> str:
         """A pipe of pictures, by number."""
         pipe = PictureFeed(self.folder / f"pipe{next(self._names)}")
 
@@ -131,9 +132,10 @@ class Bench:
         thread.start()
 
     def _pump(self) -> None:
-        begin = time.monotonic()
+        begin, now = time.monotonic(), 0.0
         while not self._stop.wait(PUMP_S):
-            now = time.monotonic() - begin
+            before, now = now, time.monotonic() - begin
+            self.stood_still_s = max(self.stood_still_s, now - before)
             for terminal, device in list(self._ports):
                 received = terminal.read()
                 if received:
@@ -180,7 +182,8 @@ def picture(number: int, brightness: float = 1.0) -> bytes:
     x = np.arange(WIDTH) + number
     rows = 120.0 + 60.0 * np.sin(x / 25.0) + random.normal(0.0, 4.0, (HEIGHT, WIDTH))
     image = np.clip(brightness * rows, 0, 255).astype(np.uint8)
-    return bytes(cv2.imencode(".jpg", np.repeat(image[:, :, None], 3, axis=2))[1])
+    coloured = (image[:, :, None] * np.array([0.7, 0.9, 1.0])).astype(np.uint8)
+    return bytes(cv2.imencode(".jpg", coloured)[1])
 
 
 def camera_rig(source: str) -> Rig:
@@ -200,42 +203,14 @@ def usb_camera_rig(fake: FakeCamera) -> Rig:
     return Rig("camera", RobotConfig(camera=cameras), "lidar+camera", camera_sources(cameras))
 
 
-def swarm_config() -> RobotConfig:
-    """A robot with cameras of a ninth of the pixels, which are drawn faster."""
-    small = {
-        "width_px": 640,
-        "height_px": 360,
-        "focal_px": 203.7,
-        "centre_x_px": 319.5,
-        "centre_y_px": 179.5,
-    }
-    config = RobotConfig()
-    cameras = config.camera.model_copy(
-        update={
-            "front": config.camera.front.model_copy(update=small),
-            "rear": config.camera.rear.model_copy(update=small),
-        }
-    )
-    return config.model_copy(update={"camera": cameras})
-
-
-def swarm_rig(live: LiveSimulation, exchanged: bool = False) -> Rig:
-    """The whole robot of a scenario. exchanged: its cameras are named the other way round."""
+def swarm_rig(live: LiveSimulation) -> Rig:
+    """The whole robot of a scenario."""
     config = live.config
-    if exchanged:
-        front, rear = config.camera.front, config.camera.rear
-        cameras = config.camera.model_copy(
-            update={
-                "front": front.model_copy(update={"source": rear.source}),
-                "rear": rear.model_copy(update={"source": front.source}),
-            }
-        )
-        config = config.model_copy(update={"camera": cameras})
     sources: dict[str, Source] = {
         "lidar": X4(config.lidar),
         "board": Romeo(config),
         MOCAP: NatNetClient(config.mocap.natnet),
-        **(camera_sources(config.camera) or {"camera": live.camera}),
+        "camera": live.camera,
     }
     return Rig("robot", config, "lidar+camera", sources)
 

@@ -3,12 +3,14 @@
 All robots are examined at once: each needs twelve seconds, but little of the processor.
 """
 
+import dataclasses
 import errno
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 import serial
 
@@ -16,13 +18,18 @@ from host.config import RobotConfig
 from host.doctor import disk
 from host.doctor.examine import examine
 from host.doctor.findings import Finding, Level
+from host.doctor.mountings import cameras_against_lidar
+from host.doctor.watching import Watched
 from host.drivers.camera import driver as camera_driver
 from host.drivers.camera import held_controls, v4l2_device
 from host.drivers.computer import Computer, Readings
 from host.drivers.serial_port import open_port
+from host.geometry import wrap
+from host.messages import Bearings
 from host.simulation.devices.board import STAND_IN
 from host.simulation.devices.natnet_server import CLOCK_HZ, NatNetServer
 from host.simulation.live import LiveSimulation
+from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse_scenario
 from host.sources.rig import Rig
 from tests.doctor import benches
@@ -31,6 +38,7 @@ from tests.drivers.camera.fake_camera import FakeCamera
 
 Make = Callable[[Bench], Rig]
 SECONDS = 12.0
+TRIES, STANDSTILL_S = 3, 0.25
 
 
 def cool(folder: Path) -> Readings:
@@ -39,12 +47,6 @@ def cool(folder: Path) -> Readings:
 
 def frozen(number: int) -> bytes:
     return benches.picture(0)
-
-
-def exchanged_cameras(bench: Bench) -> Rig:
-    scenario = parse_scenario("arena4:rendered=1,camera_hz=3,seed=3,mocap_hz=50")
-    live = bench.enter(LiveSimulation(scenario, benches.swarm_config(), board=STAND_IN))
-    return benches.swarm_rig(live, exchanged=True)
 
 
 def clock_jump(bench: Bench) -> Rig:
@@ -69,7 +71,7 @@ def forbidden(bench: Bench) -> Rig:
 
 
 def unlocked_exposure(bench: Bench) -> Rig:
-    camera = FakeCamera(bench.folder / "video0", rate_hz=20.0)
+    camera = FakeCamera(bench.folder / "video0", rate_hz=20.0, warmth=0.7)
     camera.controls[held_controls.AUTO_EXPOSURE].sticks = True
     VIDEO[str(camera.path)] = camera
     return benches.usb_camera_rig(camera)
@@ -192,13 +194,6 @@ FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
         "exposure not held",
         "another camera",
     ),
-    "exchanged cameras": (
-        exchanged_cameras,
-        "cross-check",
-        Level.FAIL,
-        "front and rear camera are exchanged",
-        "exchange the two sources in [camera.front] and [camera.rear]",
-    ),
     "mocap on another interface": (
         mocap_elsewhere,
         "motion capture",
@@ -241,20 +236,32 @@ def robots(bench: Bench) -> Iterator[tuple[str, Rig]]:
 
 
 @pytest.fixture(scope="module")
-def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, list[Finding]]]:
-    """Findings of every robot, by the name of its fault."""
-    folder = tmp_path_factory.mktemp("robots")
+def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Finding]]:
+    """Findings of every robot, by the name of its fault.
+
+    Where this computer had no time for the simulated devices, they were not what they stand for:
+    then once more.
+    """
+    for _ in range(TRIES):
+        found, stood_still_s = examine_all(tmp_path_factory.mktemp("robots"))
+        if stood_still_s < STANDSTILL_S:
+            return found
+    pytest.skip(f"simulated devices stood still for {stood_still_s:.1f} s: too busy a computer")
+
+
+def examine_all(folder: Path) -> tuple[dict[str, list[Finding]], float]:
     with (
         pytest.MonkeyPatch.context() as patch,
         Bench(folder) as bench,
         ThreadPoolExecutor(len(FAULTS) + len(HEALTHY)) as pool,
     ):
         refuse_and_fake(patch)
-        found = {
+        futures = {
             name: pool.submit(examine, rig, folder, Computer(look=cool), SECONDS)
             for name, rig in robots(bench)
         }
-        yield {name: future.result().findings for name, future in found.items()}
+        found = {name: future.result().findings for name, future in futures.items()}
+        return found, bench.stood_still_s
 
 
 def alarms(findings: list[Finding]) -> list[Finding]:
@@ -299,3 +306,35 @@ def test_a_slow_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     gone = disk.measure(tmp_path / "absent")
     assert gone.level == Level.FAIL
     assert "--record" in gone.next_step
+
+
+def test_exchanged_cameras_are_named_and_others_are_not() -> None:
+    """Strips in drawn pictures against turrets: the front camera's picture is the rear one's."""
+    small = {"width_px": 640, "height_px": 360, "focal_px": 203.7}
+    small |= {"centre_x_px": 319.5, "centre_y_px": 179.5}
+    config = RobotConfig()
+    front, rear = (
+        getattr(config.camera, name).model_copy(update=small) for name in ("front", "rear")
+    )
+    cameras = config.camera.model_copy(update={"front": front, "rear": rear})
+    config = config.model_copy(update={"camera": cameras})
+    scenario = parse_scenario("arena4:rendered=1,camera_hz=3,seed=3,seconds=12")
+    right, wrong = Watched(), Watched()
+    for message in Simulation(scenario, config).messages():
+        right.take(message)
+        wrong.take(exchanged(message) if isinstance(message, Bearings) else message)
+    assert cameras_against_lidar(right, config) == []
+    (finding,) = cameras_against_lidar(wrong, config)
+    assert (finding.part, finding.level) == ("cross-check", Level.FAIL)
+    assert "front and rear camera are exchanged" in finding.what
+    assert "exchange the two sources in [camera.front] and [camera.rear]" in finding.next_step
+
+
+def exchanged(bearings: Bearings) -> Bearings:
+    """What the other camera would have made of that picture."""
+    return dataclasses.replace(
+        bearings,
+        bearings=wrap(bearings.bearings + np.pi),
+        camera={"front": "rear", "rear": "front"}[bearings.camera],
+        view=(float(wrap(bearings.view[0] + np.pi)), bearings.view[1]),
+    )

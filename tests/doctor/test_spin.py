@@ -1,23 +1,23 @@
 """The wheels at work: which motor and which encoder is the other way round, by the lidar."""
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+import re
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 
 from host.config import Motors, RobotConfig
-from host.doctor.examine import Examined, examine
-from host.doctor.findings import Level
+from host.doctor.findings import Finding, Level
 from host.doctor.spin import Spin
+from host.doctor.watching import Watched
 from host.doctor.wheels import WheelTest, diagnose
-from host.drivers.computer import Computer
-from host.drivers.romeo.device import Romeo
-from host.drivers.x4.device import X4
-from host.sources.rig import Rig
-from tests.doctor.benches import Bench, x4
+from host.drivers.romeo.differential_drive import wheel_speeds
+from host.drivers.romeo.session import BoardSession
+from host.drivers.x4.commands import SCAN
+from host.drivers.x4.protocol import ScanDecoder
+from host.messages import Scan
+from tests.doctor.benches import x4
 from tests.doctor.driven import DrivenRobot, Wiring
-from tests.doctor.test_faults import alarms, cool
 
 LEFT, RIGHT = 0, 1
 # Words of each finding and of its next step, and what is to be written.
@@ -55,51 +55,84 @@ WIRINGS: dict[str, tuple[Wiring, Said, dict[str, bool]]] = {
 }
 
 
-def driven_rig(bench: Bench, wiring: Wiring) -> Rig:
-    config = RobotConfig()
-    robot = DrivenRobot(wiring, config.wheels)
-    ports = {"board": bench.plug(robot.board), "lidar": bench.plug(x4(robot.sense))}
-    config = config.model_copy(
-        update={
-            name: getattr(config, name).model_copy(update={"port": port})
-            for name, port in ports.items()
-        }
-    )
-    sources = {"lidar": X4(config.lidar), "board": Romeo(config)}
-    return Rig("robot", config, "lidar", sources)
+class Robot:
+    """Drivers' sessions and simulated devices, in virtual time: `sleep` lets it pass."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.config = RobotConfig()
+        self.watched, self.now = Watched(), 0.0
+        self._robot = DrivenRobot(wiring, self.config.wheels)
+        self._lidar, self._decoder = x4(self._robot.sense), ScanDecoder()
+        self._session, self._command = BoardSession(self.config), (0, 0)
+        self._session.connect(0.0)
+        self._lidar.receive(SCAN, 0.0)
+        self.sleep(2.0)
+
+    def drive(self, speed: float, turn_rate: float) -> None:
+        left, right = wheel_speeds(self.config.wheels, speed, turn_rate)
+        self._command = round(left), round(right)
+
+    def sleep(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self.now < end:
+            self.now += 0.01
+            for at, data in self._robot.board.transmit(self.now):
+                for step in self._session.receive(data, at):
+                    self.watched.take(step)
+            said = self._session.transmit(self.now, self._command)
+            self._robot.board.receive(said, self.now)
+            for at, data in self._lidar.transmit(self.now):
+                for scan in self._decoder.feed(data, at):
+                    self.watched.take(scan)
+
+
+Examined = tuple[list[Finding], Mapping[str, bool]]
 
 
 @pytest.fixture(scope="module")
-def examined(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Examined]]:
-    folder = tmp_path_factory.mktemp("driven")
-    with Bench(folder) as bench, ThreadPoolExecutor(len(WIRINGS)) as pool:
-        found = {}
-        for name, (wiring, *_) in WIRINGS.items():
-            rig = driven_rig(bench, wiring)
-            spin = Spin(rig.sources["board"].command, rig.config)  # type: ignore[attr-defined]
-            found[name] = pool.submit(examine, rig, folder, Computer(look=cool), 1.5, spin=spin)
-        yield {name: future.result() for name, future in found.items()}
+def examined() -> dict[str, Examined]:
+    found = {}
+    for name, (wiring, *_) in WIRINGS.items():
+        robot = Robot(wiring)
+        spin = Spin(robot.drive, robot.config, lambda robot=robot: robot.now, robot.sleep)
+        spin.run(robot.watched)
+        found[name] = spin.findings(robot.watched)
+    return found
 
 
 @pytest.mark.parametrize("name", [name for name in WIRINGS if name != "healthy"])
 def test_a_wheel_that_is_wired_otherwise(name: str, examined: dict[str, Examined]) -> None:
     _, said, settings = WIRINGS[name]
-    found = [f for f in examined[name].findings if f.level == Level.FAIL]
+    findings, changes = examined[name]
+    found = [f for f in findings if f.level == Level.FAIL]
     for what, step in said:
-        assert any(what in f.what and step in f.next_step for f in found), examined[name].findings
-    assert examined[name].settings == settings
+        assert any(what in f.what and step in f.next_step for f in found), findings
+    assert changes == settings
 
 
 def test_a_robot_in_order_raises_no_alarm_and_its_sensors_are_in_time(
     examined: dict[str, Examined],
 ) -> None:
-    found = examined["healthy"].findings
-    assert [f for f in alarms(found) if f.part != "lidar"] == []  # whose pillars it sees through
+    found, changes = examined["healthy"]
+    assert [f for f in found if f.level != Level.OK] == []
     said = "; ".join(f.what for f in found)
     assert "the left wheel and its encoder go forward" in said
     assert "the right wheel and its encoder go forward" in said
-    assert "ms late against the wheels" in said or "ms early against the wheels" in said
-    assert examined["healthy"].settings == {}
+    (late,) = re.findall(r"(\d+) ms (?:late|early) against the wheels", said)
+    assert int(late) <= 50
+    assert changes == {}
+
+
+def test_a_lidar_that_could_not_follow_decides_nothing() -> None:
+    robot = Robot(Wiring(drives=(1, 0), counts=(1, 0)))
+    spin = Spin(robot.drive, robot.config, lambda: robot.now, robot.sleep)
+    keep = robot.watched.take
+    robot.watched.take = lambda m: None if isinstance(m, Scan) and m.time % 1.0 < 0.6 else keep(m)
+    spin.run(robot.watched)
+    found, changes = spin.findings(robot.watched)
+    assert [f for f in found if f.level == Level.FAIL] == []
+    assert "the lidar does not show" in found[0].what
+    assert changes == {}
 
 
 @pytest.mark.parametrize(
