@@ -76,6 +76,11 @@ class Path:
         """Time up to which the odometry is known, s; -inf before the first displacement."""
         return float(self._rows[self._count - 1, 0]) if self._count else -math.inf
 
+    @property
+    def last(self) -> FloatArray:
+        """The pose (3,) at `end`: x, y (m), heading (rad, not wrapped)."""
+        return self._rows[max(self._count - 1, 0), 1:4]
+
     def append(self, step: Displacement) -> None:
         """Add the motion of one interval. One that ends no later than the last is ignored."""
         if step.time <= self.end:

@@ -1,3 +1,5 @@
+from host.behaviour.catalogue import BehaviourEntry
+from host.behaviour.interface import Behaviour, Command, Situation
 from host.calibration.result import Calibration
 from host.calibration.robot_file import update as update_robot_file
 from host.config import RobotConfig, load_config
@@ -27,7 +29,7 @@ from host.messages import (
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.recording.mrclam import load_dataset as load_mrclam
 from host.recording.optiodom import read_runs as load_optiodom
-from host.registry import BOARDS, FILTERS, LIDARS, SCENARIOS, load_plugin
+from host.registry import BEHAVIOURS, BOARDS, FILTERS, LIDARS, SCENARIOS, load_plugin
 from host.sessions.calibrating import calibrate_from as calibrate
 from host.sessions.evaluating import score_sources as evaluate
 from host.sessions.localizing import localize
@@ -42,8 +44,9 @@ __all__ += ["Calibration", "Localizer", "Row", "calibrate", "evaluate", "gospa",
 __all__ += ["RobotConfig", "UserError", "load_config", "update_robot_file"]
 __all__ += ["Clairvoyant", "Filter", "LastReading", "Perera2021Filter", "PhdFilter", "PmbFilter"]
 __all__ += ["make_filter"]
-__all__ += ["BOARDS", "FILTERS", "LIDARS", "SCENARIOS", "load_plugin"]
-__all__ += ["BoardEntry", "FilterEntry", "LidarEntry", "Scenario"]
+__all__ += ["BEHAVIOURS", "BOARDS", "FILTERS", "LIDARS", "SCENARIOS", "load_plugin"]
+__all__ += ["Behaviour", "Command", "Situation"]
+__all__ += ["BehaviourEntry", "BoardEntry", "FilterEntry", "LidarEntry", "Scenario"]
 __all__ += ["Bearings", "Bodies", "Displacement", "Estimate"]
 __all__ += ["Health", "Message", "Positions", "Scan", "Truth"]
 __all__ += ["rotation", "to_frame", "to_parent"]

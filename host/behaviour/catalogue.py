@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from host.behaviour.interface import Behaviour
+from host.behaviour.survey import Survey
 from host.behaviour.walk import RandomWalk
 from host.config import RobotConfig
 from host.registry import BEHAVIOURS
@@ -16,6 +17,7 @@ class BehaviourEntry:
     make: Callable[[RobotConfig, int], Behaviour]
 
 
+BEHAVIOURS.register("survey", BehaviourEntry(lambda robot, seed: Survey(seed)))
 BEHAVIOURS.register("walk", BehaviourEntry(lambda robot, seed: RandomWalk(seed)))
 
 

@@ -139,9 +139,11 @@ class Driving:
 
     def _pose_at(self, time: float) -> FloatArray:
         """Where the robot is (3,) by the wheels; after their last report it drives on as before."""
-        end = min(time, self._path.end)
-        x, y, heading = self._path.poses(np.array([end]))[0].tolist()
-        ahead = min(time - end, _COAST_S)
+        ahead = min(time - self._path.end, _COAST_S)
+        if ahead <= 0.0:
+            pose: FloatArray = self._path.poses(np.array([time]))[0]
+            return pose
+        x, y, heading = self._path.last.tolist()
         speed, turn_rate = self._speeds
         along = heading + 0.5 * ahead * turn_rate
         way = ahead * speed

@@ -10,36 +10,43 @@ import click
 from host.behaviour import catalogue
 from host.behaviour.interface import Behaviour
 from host.behaviour.keys import HELP, Keys
-from host.cli import options
+from host.cli import gathering, options
+from host.cli.drive_square import square
+from host.cli.fitting import drive_name
 from host.cli.keyboard import keys_read
 from host.cli.live_screen import check_failures, show_run, view_option, viewer_at
 from host.cli.summary import summary
 from host.config import RobotConfig
+from host.registry import BEHAVIOURS
 from host.sessions.driving import contacts_in_words, drive_rig, driving_of
 from host.sessions.robot import robot_configuration
 
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
+simulate_option = click.option(
+    "--simulate",
+    "scenario",
+    metavar="SCENARIO",
+    help="Drive a simulated robot, in arena4 or another scenario; it obeys its board.",
+)
+record_option = click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Record what was measured and estimated (FILE ends in .mcap).",
+)
+
+
 def drive_options(command: AnyFunction) -> AnyFunction:
     """The options that all ways to drive share."""
     choices = [
         options.robot_option,
-        click.option(
-            "--simulate",
-            "scenario",
-            metavar="SCENARIO",
-            help="Drive a simulated robot, in arena4 or another scenario; it obeys its board.",
-        ),
+        simulate_option,
         click.option(
             "--seconds", type=click.FloatRange(0.1), help="End after so long.  [default: never]"
         ),
-        click.option(
-            "--record",
-            type=click.Path(path_type=Path),
-            metavar="FILE",
-            help="Record what was measured and estimated (FILE ends in .swarmloc).",
-        ),
+        record_option,
         view_option,
         options.json_option,
     ]
@@ -53,9 +60,23 @@ class KeysByDefault(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put the default command in front where none is named."""
-        if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
+        known = ("-h", "--help", *self.commands, *BEHAVIOURS.names())
+        if not args or args[0] not in known:
             args = ["keys", *args]
         return super().parse_args(ctx, args)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Also one for each behaviour that has none of its own, those of plugins among them."""
+        known = super().get_command(ctx, cmd_name)
+        if known is not None or cmd_name not in BEHAVIOURS.names():
+            return known
+
+        @click.command(cmd_name, help=f"Drive as the behaviour {cmd_name!r} wants.")
+        @drive_options
+        def behave(**common: Any) -> None:
+            _drive(lambda robot: catalogue.make(cmd_name, robot), **common)
+
+        return behave
 
 
 @click.group(
@@ -72,6 +93,9 @@ def drive() -> None:
 
     It stops before walls and teammates, and where a sensor it needs is lost (docs/driving.md).
     """
+
+
+drive.add_command(square)
 
 
 @drive.command(
@@ -104,6 +128,36 @@ Example:
 def walk(seed: int, **common: Any) -> None:
     """Wander at random and avoid what is in the way, until Ctrl-C or for --seconds."""
     _drive(lambda robot: catalogue.make("walk", robot, seed), **common)
+
+
+@drive.command(
+    epilog="""\b
+Example:
+  swarmloc drive calibration --simulate misbuilt4 --record drive.mcap"""
+)
+@options.robot_option
+@simulate_option
+@click.option(
+    "--seconds",
+    type=click.FloatRange(1.0),
+    default=180.0,
+    show_default=True,
+    help="End after so long, whatever is missing.",
+)
+@record_option
+def calibration(
+    robot_path: Path | None, scenario: str | None, seconds: float, record: Path | None
+) -> None:
+    """Drive all that the fits of wheels, lidar and cameras need, in the room that there is.
+
+    It ends when nothing is missing, and is recorded; `swarmloc calibrate` takes the recording.
+    """
+    # The fits' rooms are slow to load, and no other way to drive needs them.
+    from host.sessions.drive_advice import drive_advice
+
+    record = record or drive_name()
+    gathering.live(robot_path, scenario, seconds, record, drive_advice, True, drives=True)
+    click.echo(f"recorded in {record}; next: swarmloc calibrate wheels {record} --robot robot.toml")
 
 
 def _drive(

@@ -64,6 +64,12 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             metavar="FILE",
             help="Report to write, with pictures.",
         ),
+        click.option(
+            "--drive",
+            "drives",
+            is_flag=True,
+            help="Without SOURCE: the robot drives itself, until nothing is missing.",
+        ),
         click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
         options.json_option,
         options.truth_options,
@@ -90,10 +96,12 @@ class Fitting:
         accept: bool,
         json_path: Path | None,
         truth: TruthFile | None = None,
+        drives: bool = False,
     ) -> None:
         self.robot_path = robot_path
         self.truth = truth
         self._live = (scenario, seconds, record)
+        self._drives = drives
         self._report_path = report_path
         self._accept = accept
         self._json_path = json_path
@@ -122,9 +130,15 @@ class Fitting:
                 raise click.UsageError("--truth is for a recording: name it as SOURCE")
             scenario, seconds, record = self._live
             # A drive is work, and a fit may be refused: it is always recorded.
-            record = record or Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
+            record = record or drive_name()
             name, gathered = gathering.live(
-                self.robot_path, scenario, seconds, record, advice, not lidar_serves
+                self.robot_path,
+                scenario,
+                seconds,
+                record,
+                advice,
+                not lidar_serves,
+                drives=self._drives,
             )
             click.echo(f"recorded in {record}", err=True)
         else:
@@ -138,8 +152,10 @@ class Fitting:
 
     def check_source(self) -> None:
         """Raise a usage error for options that a source leaves no use for."""
-        if any(option is not None for option in self._live):
-            raise click.UsageError("--simulate, --seconds and --record are for a drive, not SOURCE")
+        if self._drives or any(option is not None for option in self._live):
+            raise click.UsageError(
+                "--simulate, --seconds, --record and --drive are for a drive, not SOURCE"
+            )
 
     def conclude(self, calibration: Calibration, source: str, **more: Any) -> dict[str, Any]:
         """Show the verdict, write report and figures, and robot.toml where the fit is good.
@@ -173,6 +189,11 @@ class Fitting:
         chain.save(self.robot_path, known)
         click.echo(f"written to {self.robot_path}")
         return content
+
+
+def drive_name() -> Path:
+    """Where a drive is recorded that nobody named."""
+    return Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
 
 
 def _check_folder(path: Path | None) -> None:

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import click
 
+from host.behaviour.survey import Survey
 from host.calibration import chain
 from host.calibration.gathered import Gathered
 from host.cli.options import progress_bar
 from host.cli.signals import signals_caught
 from host.errors import one_line
+from host.sessions.driving import driving_of
 from host.sessions.gathering import (
     Advice,
     DriveWatch,
@@ -49,26 +51,40 @@ def live(
     record: Path,
     advice: Advice,
     mocap_needed: bool,
+    drives: bool = False,
 ) -> tuple[str, Gathered]:
     """What the devices deliver until a signal or for `seconds`, and their name.
 
-    Meanwhile the screen shows what is still missing. Raises UserError where there is no motion
+    Meanwhile the screen shows what is still missing. drives: the robot drives itself, until nothing
+    is. Raises UserError where there is no motion
     capture and it is needed.
     """
     robot = robot_configuration(robot_path)
     with contextlib.ExitStack() as stack:
-        rig = calibration_rig(stack, robot, scenario, mocap_needed)
+        rig = calibration_rig(stack, robot, scenario, mocap_needed, drives)
         drive = DriveWatch(rig, advice)
-        click.echo(f"{rig.title}: drive the robot; press Ctrl-C to end and fit", err=True)
+        survey = Survey()
+        driving = driving_of(rig, survey) if drives else None
+        what = "drives by itself" if drives else "drive the robot"
+        click.echo(f"{rig.title}: {what}; press Ctrl-C to end and fit", err=True)
         begin = time.monotonic()
+
+        def look() -> None:
+            _show(time.monotonic() - begin, drive)
+            if not drive.lacking():
+                survey.end()
+
         with signals_caught() as signalled:
+            if driving is not None:
+                driving.stopped = signalled
             outcome = gather_from_devices(
                 rig,
                 drive,
                 seconds=seconds,
                 record=record,
-                stopped=signalled,
-                watch=lambda: _show(time.monotonic() - begin, drive),
+                stopped=lambda: signalled() or (driving is not None and driving.done),
+                watch=look,
+                driver=driving,
             )
         if sys.stderr.isatty():
             click.echo(err=True)

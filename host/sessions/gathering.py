@@ -9,7 +9,7 @@ from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
-from host.pipeline import LOCALIZER
+from host.pipeline import DRIVER, LOCALIZER, Driver
 from host.sessions.running import RunOutcome, never, run_devices
 from host.sessions.runs import Progress, find_source, read_as, simulated, unseen
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
@@ -69,16 +69,21 @@ def gather_source(
 
 
 def calibration_rig(
-    stack: contextlib.ExitStack, robot: RobotConfig, scenario: str | None, mocap_needed: bool
+    stack: contextlib.ExitStack,
+    robot: RobotConfig,
+    scenario: str | None,
+    mocap_needed: bool,
+    driven: bool = False,
 ) -> Rig:
     """The devices to gather from: the robot's, or simulated ones, which run until `stack` is left.
 
-    Raises UserError where there is no motion capture and it is needed.
+    driven: a simulated robot obeys its board. Raises UserError where there is no motion capture
+    and it is needed.
     """
     if scenario is None:
         rig = real_rig(robot, None)
     else:
-        rig = simulated_rig(stack, robot, with_mocap(scenario), {}, LIDAR_AND_CAMERA)
+        rig = simulated_rig(stack, robot, with_mocap(scenario), {}, LIDAR_AND_CAMERA, driven)
     if mocap_needed and MOCAP not in rig.sources:
         raise UserError(
             "there is no motion capture to calibrate against",
@@ -105,8 +110,12 @@ class DriveWatch:
     def missing(self) -> Sequence[str]:
         """A device that is down, or else what the drive still lacks; empty: enough to fit."""
         for name, health in list(self._health.items()):
-            if not health.ok and name != LOCALIZER:
+            if not health.ok and name not in (LOCALIZER, DRIVER):
                 return [f"{name}: {one_line(health.reason)}"]
+        return self.lacking()
+
+    def lacking(self) -> Sequence[str]:
+        """What the drive still lacks, however the devices do."""
         if self._mocap and not self.gathered.bodies:
             return ["waiting for motion capture"]
         try:
@@ -123,10 +132,12 @@ def gather_from_devices(
     record: Path,
     stopped: Callable[[], bool] = never,
     watch: Callable[[], None],
+    driver: Driver | None = None,
 ) -> RunOutcome:
     """Gather into `drive` until `stopped()` or for `seconds`, and record it all.
 
-    watch: called once a second. What failed is in the outcome; what was driven is kept
+    watch: called once a second. driver: drives the robot, else somebody else does. What failed is
+    in the outcome; what was driven is kept
     all the same.
     """
     sinks = {"calibration": drive.gathered.take, "screen": drive.note}
@@ -138,4 +149,5 @@ def gather_from_devices(
         stopped=stopped,
         watch=watch,
         watch_every_s=_LOOK_EVERY_S,
+        driver=driver,
     )

@@ -14,8 +14,6 @@ from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world.arena import ARENA_STEP_S, Arena, Contact
 from host.simulation.world.scenarios import Scenario
 
-_LOOK_EVERY = 5  # steps between two looks at what is known now, as of a live run
-
 # The behaviour of a robot of the scenario.
 BehaviourOf = Callable[[int], Behaviour]
 
@@ -34,15 +32,17 @@ class Stack:
         self.driving = Driving(config, behaviour, simulation.command, simulation.last_return)
         simulation.switch_on()
 
-    def step(self, now: float, messages: list[Message], look: bool) -> None:
-        """Take in what came up to `now` (s), and drive on. look: update what is known now."""
+    def step(self, now: float, messages: list[Message]) -> None:
+        """Take in what came up to `now` (s), and drive on.
+
+        Here the newest estimate is known at once. A live run, which takes its time for it, gives
+        one that is predicted to the present.
+        """
         for message in messages:
             self.driving.take(message)
             if isinstance(message, Scan | Positions | Bearings | Displacement):
-                self.localizer.handle(message)
-        estimate = self.localizer.ahead(now) if look else None
-        if estimate is not None:
-            self.driving.know(estimate)
+                for estimate in self.localizer.handle(message)[-1:]:
+                    self.driving.know(estimate)
         self.driving.step(now)
 
 
@@ -103,7 +103,7 @@ class Swarm:
         seen: list[Message] = []
         for robot, stack in self.stacks.items():
             messages = stack.simulation.sense(now, talked[robot])
-            stack.step(now, messages, look=number % _LOOK_EVERY == robot % _LOOK_EVERY)
+            stack.step(now, messages)
             if robot == OBSERVER:
                 seen = messages
         return seen

@@ -1,0 +1,115 @@
+"""`swarmloc drive square`: UMBmark, with figures of the odometry's systematic errors."""
+
+import contextlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from host.cli import options
+from host.cli.signals import signals_caught
+from host.config import RobotConfig
+from host.drivers.natnet.client import MOCAP
+from host.evaluation.umbmark import Umbmark, corrected, umbmark
+from host.messages import FloatArray
+from host.sessions.robot import robot_configuration
+from host.sources.rig import Rig
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  swarmloc drive square --simulate arena4:robots=1,posts=0,side_m=6
+  swarmloc drive square --side 1.5 --runs 5 --robot robot.toml"""
+)
+@options.robot_option
+@click.option("--simulate", "scenario", metavar="SCENARIO", help="Drive a simulated robot.")
+@click.option(
+    "--side", "side_m", type=click.FloatRange(0.2, 20.0), default=1.0, show_default=True, help="m."
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1, 20),
+    default=1,
+    show_default=True,
+    help="Each way; the paper takes 5.",
+)
+@options.json_option
+def square(
+    robot_path: Path | None,
+    scenario: str | None,
+    side_m: float,
+    runs: int,
+    json_path: Path | None,
+) -> None:
+    """Drive a square both ways, and say what its return errors say of the wheels (UMBmark).
+
+    Against motion capture where there is one; else mark where the robot stands, and measure after
+    each square how far from the mark it ended.
+    """
+    from host.sessions.squares import as_rows, square_rig
+
+    robot = robot_configuration(robot_path)
+    errors: dict[bool, list[FloatArray]] = {False: [], True: []}
+    with contextlib.ExitStack() as stack:
+        rig = square_rig(stack, robot, scenario)
+        signalled = stack.enter_context(signals_caught())
+        for number in range(2 * runs):
+            left = number % 2 == 1
+            errors[left].append(_once(rig, side_m, left, signalled))
+    found = umbmark(as_rows(errors[False]), as_rows(errors[True]), side_m, robot.wheels.track_m)
+    content = _figures(found, robot)
+    click.echo(_as_table(errors))
+    click.echo(options.listing(content))
+    options.write_json(json_path, content)
+
+
+def _once(rig: Rig, side_m: float, left: bool, stopped: Callable[[], bool]) -> FloatArray:
+    from host.sessions.squares import drive_square, return_error
+
+    click.echo(f"{rig.title}: {'counter-clockwise' if left else 'clockwise'}", err=True)
+    last = ""
+
+    def watch(halt: str) -> None:
+        nonlocal last
+        if halt != last and halt:
+            click.echo(f"  it stands: {halt}", err=True)
+        last = halt
+
+    gathered = drive_square(rig, side_m, left, stopped=stopped, watch=watch)
+    if MOCAP in rig.sources:
+        return return_error(gathered)
+    ahead = click.prompt("how far ahead of its mark did it end, mm (behind: negative)", type=float)
+    beside = click.prompt("and how far to the left of it, mm (right: negative)", type=float)
+    return np.array([ahead, beside]) / 1000.0
+
+
+def _as_table(errors: dict[bool, list[FloatArray]]) -> str:
+    """The return errors, a line each."""
+    rows = [
+        f"  {'counter-clockwise' if left else 'clockwise':20}{1000 * x:8.0f}{1000 * y:8.0f}"
+        for left, runs in errors.items()
+        for x, y in runs
+    ]
+    return "\n".join([f"  {'return error':20}{'x mm':>8}{'y mm':>8}", *rows])
+
+
+def _figures(found: Umbmark, robot: RobotConfig) -> dict[str, Any]:
+    wheels = robot.wheels
+    left, right, track = corrected(
+        found, wheels.left_radius_m, wheels.right_radius_m, wheels.track_m
+    )
+    return {
+        "systematic_error_mm": round(1000.0 * found.systematic_m, 1),
+        "spread_mm": round(1000.0 * found.spread_m, 1),
+        "corner_error_deg": round(math.degrees(found.alpha_rad), 3),
+        "side_bend_deg": round(math.degrees(found.beta_rad), 3),
+        "wheel_ratio": round(found.wheel_ratio, 5),
+        "track_ratio": round(found.track_ratio, 5),
+        "corrected_left_radius_m": round(left, 6),
+        "corrected_right_radius_m": round(right, 6),
+        "corrected_track_m": round(track, 5),
+    }
