@@ -4,6 +4,7 @@ import contextlib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,11 @@ Examples:
     help="Record what was measured and estimated (FILE ends in .mcap).",
 )
 @click.option(
+    "--pictures",
+    is_flag=True,
+    help="With --record: the cameras' pictures, too, megabytes a second.",
+)
+@click.option(
     "--sensors",
     type=click.Choice(SENSORS),
     help="Sensors to use besides the wheels.  [default: those there are]",
@@ -95,6 +101,7 @@ def run(
     unplug: Mapping[str, Sequence[Interval]],
     seconds: float | None,
     record: Path | None,
+    pictures: bool,
     sensors: str | None,
     view: tuple[str, int] | None,
     foxglove: tuple[str, int] | None,
@@ -102,6 +109,8 @@ def run(
     json_path: Path | None,
 ) -> None:
     """Show where the teammates are, until Ctrl-C or for --seconds, then a summary."""
+    if pictures and record is None:
+        raise click.UsageError("--pictures needs --record: without it, the live page shows them")
     if unplug and scenario is None:
         raise click.UsageError("--unplug needs --simulate: a real device is unplugged by hand")
     robot = robot_configuration(robot_path, filter_name)
@@ -112,6 +121,7 @@ def run(
             rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
+        rig = replace(rig, record_pictures=pictures)
         viewer = viewer_at(rig, view)
         viewers: dict[str, Viewer | FoxgloveServer] = {}
         if viewer is not None:

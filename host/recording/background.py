@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from host.errors import UserError
-from host.messages import Message, Picture
+from host.messages import Bearings, Message, Picture
 from host.recording.log import Recorder
 
 CAPACITY = 3000  # messages: more than 10 s of them
@@ -32,14 +32,19 @@ class BackgroundRecorder:
             if self._failure is not None:
                 raise self._failure
             waiting = len(self._messages)
-            if isinstance(message, Picture) and waiting > _PICTURES:
-                return  # its number shows that it is missing
             self._messages.append(message)
             if waiting >= CAPACITY:
                 self._failure = _too_slow(waiting)
                 self._messages.clear()
                 raise self._failure
             self._news.notify()
+
+    def picture(self, jpeg: bytes, found: Bearings) -> None:
+        """Have the picture written in which bearings were found; left out where the disk lags."""
+        with self._news:
+            if self._failure is None and len(self._messages) < _PICTURES:
+                self._messages.append(Picture(found.time, found.camera, jpeg))
+                self._news.notify()
 
     def _write_all(self) -> None:
         try:

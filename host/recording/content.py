@@ -23,7 +23,6 @@ from host.messages import (
     Estimate,
     Health,
     Message,
-    Picture,
     Positions,
     Scan,
     Truth,
@@ -33,7 +32,7 @@ _KINDS: dict[str, type[Message]] = {
     kind.__name__.lower(): kind
     for kind in (
         *(Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health),
-        *(DeviceBytes, DeviceIdentity, Picture),
+        *(DeviceBytes, DeviceIdentity),
     )
 }
 LAYOUT = {name: [field.name for field in fields(kind)] for name, kind in _KINDS.items()}

@@ -24,6 +24,7 @@ from host.messages import (
     Displacement,
     Health,
     Message,
+    Picture,
     Positions,
     Scan,
 )
@@ -93,6 +94,9 @@ class Recorder:
     def write(self, message: Message) -> None:
         """Append one message. Raises UserError where that fails, for example on a full disk."""
         self._time_ns = max(self._time_ns, nanoseconds(message.time + self._unix_s))
+        if isinstance(message, Picture):  # large: once is enough
+            self._publish_all(message)
+            return
         data = content.encode(message)
         if isinstance(message, DeviceBytes):
             self._keep_back(message.device, data)
@@ -102,6 +106,9 @@ class Recorder:
             self._file.add_metadata(f"device {message.device}", message.values)
         if isinstance(message, Scan) and not self._file.next_number("/tf_static"):
             self._publish(self._topics.mounting(message.time))
+        self._publish_all(message)
+
+    def _publish_all(self, message: Message) -> None:
         for published in self._topics.of(message):
             self._publish(published)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from host.cross_checks.checks import CrossChecks
+from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
@@ -94,6 +95,8 @@ def run_devices(
             header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
             recorder = stack.enter_context(BackgroundRecorder(Recorder(record, header)))
             all_sinks["recording"] = recorder.write
+            if rig.record_pictures:
+                _record_pictures(rig, recorder)
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
         stack.enter_context(_quick_switches())
         begin, begin_cpu = time.monotonic(), time.process_time()
@@ -131,6 +134,18 @@ def _quick_switches() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(before)
+
+
+def _record_pictures(rig: Rig, recorder: BackgroundRecorder) -> None:
+    """Have every picture that is searched recorded. Raises UserError where there are none."""
+    if not rig.cameras:
+        raise UserError(
+            "there are no pictures to record",
+            "no camera is in use, or simulated ones give bearings alone",
+            "name cameras in robot.toml; simulate pictures with arena4:rendered=1",
+        )
+    for camera in rig.cameras:
+        camera.watchers.append(recorder.picture)
 
 
 def _watch(

@@ -32,7 +32,7 @@ class Rig:
     """What a run consists of: the devices, the configuration in effect, and truth if known.
 
     simulated_board: of a simulation, what stands in for the board. contacts: there, who drove
-    against what so far.
+    against what so far. record_pictures: a recording gets the cameras' pictures, too.
     """
 
     title: str
@@ -43,6 +43,7 @@ class Rig:
     simulated_board: str | None = None
     truth: Callable[[float], Truth] | None = None
     contacts: Callable[[], Sequence[Contact]] | None = None
+    record_pictures: bool = False
 
     @property
     def board(self) -> BoardDriver:

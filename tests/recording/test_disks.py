@@ -1,0 +1,116 @@
+"""Disks that are full, read-only or slow: the recording ends, in words, and nobody waits for it."""
+
+import os
+import subprocess
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from host.config import RobotConfig
+from host.errors import UserError
+from host.messages import Estimate, Health, Message, Scan
+from host.pipeline import Pipeline
+from host.recording import appended
+from host.recording.background import CAPACITY, BackgroundRecorder
+from host.recording.log import Recorder, Recording, RecordingHeader
+
+HEADER = RecordingHeader(RobotConfig(), "lidar")
+
+
+def a_scan(k: int) -> Scan:
+    random = np.random.default_rng(k)
+    angles = np.sort(random.uniform(-3.1, 3.1, 700))
+    return Scan(0.1 * k, np.full(700, 0.1 * k), angles, random.uniform(0.1, 3.0, 700))
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 200 kB, and how to remount it."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(disk)]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root may mount a file system")
+    yield disk
+    subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(small_disk):
+    path = small_disk / "a.mcap"
+    with BackgroundRecorder(Recorder(path, HEADER)) as recorder:
+        with pytest.raises(UserError, match="No space left on device"):
+            write_scans(recorder)
+        with pytest.raises(UserError, match="check the folder and the free space"):
+            recorder.write(a_scan(0))
+    recording = Recording(path)
+    found = list(recording.messages())
+    assert len(found) > 10
+    for k, scan in enumerate(found):
+        assert scan.ranges.tobytes() == a_scan(k).ranges.tobytes()
+    assert "unfinished" in recording.remarks[0]
+    assert "bytes are there" not in recording.remarks[0]  # it was cut to whole records
+
+
+def write_scans(recorder):
+    for k in range(200):
+        recorder.write(a_scan(k))
+        time.sleep(0.002)
+
+
+def test_a_disk_that_is_read_only_is_said_before_the_run(small_disk):
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    with pytest.raises(UserError, match="Read-only file system"):
+        Recorder(small_disk / "a.mcap", HEADER)
+
+
+def test_a_disk_that_hangs_delays_nobody(tmp_path, monkeypatch):
+    recorder = BackgroundRecorder(Recorder(tmp_path / "a.mcap", HEADER))
+    hanging = threading.Event()
+    write = os.write
+
+    def hang(handle, data):
+        hanging.wait()
+        return write(handle, data)
+
+    monkeypatch.setattr(appended.os, "write", hang)
+    for k in range(CAPACITY):
+        recorder.write(Health(0.01 * k, "lidar", True, "", {}))  # would hang here if it waited
+    with pytest.raises(UserError, match="its disk is too slow"):
+        write_scans(recorder)
+    recorder.close()  # known already, so it is not raised again
+    hanging.set()
+
+
+class Scans:
+    """A lidar."""
+
+    def run(self, emit, stop):
+        for k in range(1000):
+            if stop.wait(0.002):
+                return
+            emit(a_scan(k))
+
+
+def test_a_full_disk_does_not_end_the_run(small_disk):
+    from host.estimator import profiles
+    from host.localizer import Localizer
+
+    config = RobotConfig()
+    taken: list[Message] = []
+    recorder = BackgroundRecorder(Recorder(small_disk / "a.mcap", HEADER))
+    localizer = Localizer(config, profiles.make("perera2021", config))
+    sinks = {"recording": recorder.write, "list": taken.append}
+    with recorder, Pipeline(localizer, {"lidar": Scans()}, sinks) as pipeline:
+        end = time.monotonic() + 30.0
+        while "recording" not in pipeline.failures and time.monotonic() < end:
+            time.sleep(0.01)
+        before = len(taken)
+        while len(taken) < before + 20 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert len(taken) >= before + 20
+    (said,) = [m for m in taken if isinstance(m, Health) and m.device == "recording"]
+    assert not said.ok
+    assert "No space left on device" in said.reason
+    assert isinstance(taken[-1], Scan | Estimate | Health)
