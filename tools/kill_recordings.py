@@ -84,12 +84,12 @@ def killed(
     except UserError as error:
         raise ValueError(f"seed {seed}: {error}") from error
     # A device's bytes are kept back for the message that is made of them.
-    expected = [type(message) for message in messages if not isinstance(message, DeviceBytes)]
-    kinds = [type(message) for message in found if not isinstance(message, DeviceBytes)]
-    if kinds != expected[: len(kinds)]:
+    expected = [message.time for message in messages if not isinstance(message, DeviceBytes)]
+    times = [message.time for message in found if not isinstance(message, DeviceBytes)]
+    if times != expected[: len(times)]:
         raise ValueError(f"seed {seed}: what was read is not what was written")
-    given_kinds = sum(not isinstance(message, DeviceBytes) for message in messages[:count])
-    return max(0, given_kinds - len(kinds))
+    given_count = sum(not isinstance(message, DeviceBytes) for message in messages[:count])
+    return max(0, given_count - len(times))
 
 
 def _write(

@@ -3,12 +3,16 @@
 A message is the number of its kind and its fields in order, each a tag and a value. Which kinds and
 fields there are stands in the recording's header (`LAYOUT`), so that fields may be added later.
 Arrays are kept in the smallest form that gives back every bit, and as they are where none does.
+Estimates, which a replay makes again, are rounded to float32 and carry a digest of every bit. What
+a device sent is joined.
 """
 
+import hashlib
+import itertools
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -27,31 +31,87 @@ from host.messages import (
     Scan,
     Truth,
 )
+from host.recording.arrays import STEPS, pack, packed_length, unpack
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEstimate(Estimate):
+    """An estimate whose arrays are rounded to float32. digest: of what they were."""
+
+    digest: bytes = b""
+
+
+def digest(estimate: Estimate) -> bytes:
+    """Eight bytes that are others where a bit of an estimate is another."""
+    if isinstance(estimate, RecordedEstimate):
+        return estimate.digest
+    hashed = hashlib.blake2b(digest_size=8)
+    for field in fields(Estimate):
+        value = np.asarray(getattr(estimate, field.name))
+        hashed.update(repr(value.shape).encode() + value.tobytes())
+    return hashed.digest()
+
 
 _KINDS: dict[str, type[Message]] = {
-    kind.__name__.lower(): kind
-    for kind in (
-        *(Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health),
-        *(DeviceBytes, DeviceIdentity),
-    )
+    "estimate": RecordedEstimate,
+    **{
+        kind.__name__.lower(): kind
+        for kind in (
+            *(Scan, Positions, Bearings, Displacement, Truth, Bodies, Health),
+            DeviceIdentity,
+        )
+    },
 }
-LAYOUT = {name: [field.name for field in fields(kind)] for name, kind in _KINDS.items()}
+_BYTES_SENT = "devicebytes"
+LAYOUT = {
+    **{name: [field.name for field in fields(kind)] for name, kind in _KINDS.items()},
+    _BYTES_SENT: ["device", "times", "sizes", "data"],
+}
 _NUMBERS = {name: number for number, name in enumerate(LAYOUT)}
 Layout = Mapping[str, Sequence[str]]
 
 _NONE, _FALSE, _TRUE, _FLOAT, _INT, _TEXT, _BYTES, _TUPLE, _DICT, _ARRAY = range(10)
-_FLOATS, _INTS, _SHORT_INTS, _MULTIPLES, _STEADY = range(5)  # forms of an array
-# A lidar counts its ranges, and angles are rounded, in these steps: 16 bits instead of 64.
-STEPS = {"ranges": 0.00025, "angles": math.tau / 65536}
 
 
 def encode(message: Message) -> bytes:
     """The bytes of a message. Raises struct.error where a number has no place in 64 bits."""
-    name = type(message).__name__.lower()
+    if isinstance(message, Estimate):
+        rounded = {field.name: _rounded(getattr(message, field.name)) for field in fields(Estimate)}
+        message = RecordedEstimate(**rounded, digest=digest(message))
+        name = "estimate"
+    else:
+        name = type(message).__name__.lower()
     content = bytearray([_NUMBERS[name]])
     for field in LAYOUT[name]:
         _put(content, getattr(message, field), STEPS.get(field))
     return bytes(content)
+
+
+def _rounded(value: Any) -> Any:
+    """An array of floats as float32."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+        return value
+    with np.errstate(over="ignore"):
+        return value.astype(np.float32)
+
+
+def encode_sent(parts: Sequence[DeviceBytes]) -> bytes:
+    """The bytes of what one device sent, read by read."""
+    content = bytearray([_NUMBERS[_BYTES_SENT]])
+    _put(content, parts[0].device)
+    _put(content, np.array([part.time for part in parts]))
+    _put(content, np.array([len(part.data) for part in parts]))
+    _put(content, b"".join(part.data for part in parts))
+    return bytes(content)
+
+
+def _sent(device: str, times: Any, sizes: Any, data: bytes) -> Iterator[DeviceBytes]:
+    ends = np.cumsum(sizes).tolist()
+    if len(times) != len(sizes) or (ends or [0])[-1] != len(data):
+        raise ValueError("times, sizes and bytes do not belong together")
+    bounds = itertools.pairwise([0, *ends])
+    for time, (begin, end) in zip(times.tolist(), bounds, strict=True):
+        yield DeviceBytes(time, device, data[begin:end])
 
 
 def decode(data: bytes, layout: Layout = LAYOUT) -> list[Message]:
@@ -60,13 +120,16 @@ def decode(data: bytes, layout: Layout = LAYOUT) -> list[Message]:
     Raises ValueError for what is none.
     """
     reader = _Reader(data)
-    messages = []
+    messages: list[Message] = []
     names = list(layout)
     try:
         while reader.left:
             name = names[reader.byte()]
             values = {field: reader.value() for field in layout[name]}
-            messages.append(_KINDS[name](**values))
+            if name == _BYTES_SENT:
+                messages += _sent(**values)
+            else:
+                messages.append(_KINDS[name](**values))
     except (IndexError, KeyError, TypeError, OverflowError, struct.error) as error:
         raise ValueError(f"no message: {error}") from error
     return messages
@@ -99,82 +162,8 @@ def _put(content: bytearray, value: Any, step: float | None = None) -> None:
 
 
 def _put_array(content: bytearray, array: NDArray[Any], step: float | None) -> None:
-    form, data = _ints(array) if array.dtype.kind in "iu" else _floats(array, step)
+    form, data = pack(array, step)
     content += struct.pack(f"<BBB{array.ndim}I", _ARRAY, form, array.ndim, *array.shape) + data
-
-
-def _ints(array: NDArray[Any]) -> tuple[int, bytes]:
-    wide = array.astype("<i8")
-    short = wide.astype("i1")
-    if np.array_equal(short, wide):
-        return _SHORT_INTS, short.tobytes()
-    return _INTS, wide.tobytes()
-
-
-def _floats(array: NDArray[Any], step: float | None) -> tuple[int, bytes]:
-    """The form of an array of floats and its bytes; the first that gives back every bit."""
-    wide = np.ascontiguousarray(array, dtype="<f8")
-    for form, pack in ((_MULTIPLES, _multiples), (_STEADY, _steady)):
-        data = pack(wide.reshape(-1), step)
-        if data is not None and _FORMS[form](data, wide.size).tobytes() == wide.tobytes():
-            return form, data
-    return _FLOATS, wide.tobytes()
-
-
-def _multiples(array: NDArray[np.float64], step: float | None) -> bytes | None:
-    """Multiples of `step`, 16 bits each: differences where they are small, as of angles."""
-    if step is None or not array.size or not np.all(np.abs(array) < 65536 * step):
-        return None
-    number = np.rint(array / step).astype(np.int64).astype("<u2")
-    signed = bool(np.any(array < 0.0))
-    if signed:
-        number = np.diff(number, prepend=np.zeros(1, "<u2"))
-    return struct.pack("<?d", signed, step) + number.tobytes()
-
-
-def _of_multiples(data: bytes, size: int) -> NDArray[np.float64]:
-    signed, step = struct.unpack_from("<?d", data)
-    number = np.frombuffer(data, "<u2", size, offset=9)
-    if signed:
-        return np.asarray(np.cumsum(number, dtype="<u2").astype("<i2") * step)
-    return np.asarray(number * step)
-
-
-def _steady(array: NDArray[np.float64], _: float | None) -> bytes | None:
-    """Almost evenly spaced, as times are: two values, and how the rest deviates in last places."""
-    if array.size < 8 or not np.all(np.isfinite(array)):
-        return None
-    places = array.view("<i8")
-    bends = np.diff(places, n=2)
-    if np.any(np.abs(bends) > 127):
-        return None
-    return places[:2].tobytes() + bends.astype("i1").tobytes()
-
-
-def _of_steady(data: bytes, size: int) -> NDArray[np.float64]:
-    first, second = struct.unpack_from("<qq", data)
-    steps = np.cumsum(np.frombuffer(data, "i1", size - 2, offset=16), dtype="<i8")
-    places = np.empty(size, "<i8")
-    places[0] = first
-    places[1] = second
-    places[2:] = second + np.cumsum(steps + (second - first))
-    return places.view("<f8")
-
-
-_FORMS: dict[int, Callable[[bytes, int], NDArray[Any]]] = {
-    _FLOATS: lambda data, size: np.frombuffer(data, "<f8", size),
-    _INTS: lambda data, size: np.frombuffer(data, "<i8", size),
-    _SHORT_INTS: lambda data, size: np.frombuffer(data, "i1", size),
-    _MULTIPLES: _of_multiples,
-    _STEADY: _of_steady,
-}
-
-
-def _length(form: int, size: int) -> int:
-    """Bytes of an array of `size` numbers."""
-    return {_FLOATS: 8 * size, _INTS: 8 * size, _SHORT_INTS: size, _MULTIPLES: 9 + 2 * size}.get(
-        form, 14 + size
-    )
 
 
 class _Reader:
@@ -215,9 +204,7 @@ class _Reader:
         form, dimensions = self._unpack("<BB")
         shape = self._unpack(f"<{dimensions}I")
         size = math.prod(shape)
-        if form not in _FORMS:
-            raise ValueError(f"no array has form {form}")
-        flat = _FORMS[form](self._take(_length(form, size)), size)
+        flat = unpack(form, self._take(packed_length(form, size)), size)
         return flat.reshape(shape).astype(np.float64 if flat.dtype.kind == "f" else np.int64)
 
     def _take(self, length: int) -> bytes:

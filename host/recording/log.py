@@ -69,7 +69,7 @@ class Recorder:
         self._topics = Topics(header.config, header.unix_s)
         self._unix_s = header.unix_s
         self._time_ns = 0  # of the newest message
-        self._bytes: dict[str, bytes] = {}  # by device, not yet written
+        self._bytes: dict[str, list[DeviceBytes]] = {}  # by device, not yet written
         self._closed = False
         self._begin(header)
 
@@ -97,11 +97,10 @@ class Recorder:
         if isinstance(message, Picture):  # large: once is enough
             self._publish_all(message)
             return
-        data = content.encode(message)
         if isinstance(message, DeviceBytes):
-            self._keep_back(message.device, data)
+            self._keep_back(message)
             return
-        self._write(self._bytes.pop(_device(message), b"") + data)
+        self._write(self._sent(_device(message)) + content.encode(message))
         if isinstance(message, DeviceIdentity):
             self._file.add_metadata(f"device {message.device}", message.values)
         if isinstance(message, Scan) and not self._file.next_number("/tf_static"):
@@ -112,10 +111,16 @@ class Recorder:
         for published in self._topics.of(message):
             self._publish(published)
 
-    def _keep_back(self, device: str, data: bytes) -> None:
-        kept = self._bytes[device] = self._bytes.get(device, b"") + data
-        if len(kept) > _MOST_BYTES:
-            self._write(self._bytes.pop(device))
+    def _keep_back(self, part: DeviceBytes) -> None:
+        kept = self._bytes.setdefault(part.device, [])
+        kept.append(part)
+        if sum(len(each.data) for each in kept) > _MOST_BYTES:
+            self._write(self._sent(part.device))
+
+    def _sent(self, device: str) -> bytes:
+        """What was kept back of a device; it is not any more."""
+        kept = self._bytes.pop(device, None)
+        return content.encode_sent(kept) if kept else b""
 
     def _publish(self, published: tuple[str, str, bytes]) -> None:
         self._file.add_message(*published, self._time_ns)
@@ -132,8 +137,8 @@ class Recorder:
         self._closed = True
         try:
             if not self._file.failed:
-                for kept in self._bytes.values():
-                    self._write(kept)
+                for device in list(self._bytes):
+                    self._write(self._sent(device))
                 self._write(END)
                 self._file.finish()
         finally:

@@ -3,10 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
@@ -28,6 +26,7 @@ from host.messages import (
     Scan,
     Truth,
 )
+from host.recording.content import digest
 from host.recording.log import Recording
 from host.sessions.decoding import Redecoder
 from host.sessions.figures import Tally, rounded, timing
@@ -63,7 +62,7 @@ class Comparison:
             self._recorded, self._made = [], []
         self._made += made
         pairs = list(zip(self._recorded, self._made, strict=False))
-        different = [new for old, new in pairs if _bits(old) != _bits(new)]
+        different = [new for old, new in pairs if digest(old) != digest(new)]
         self.equal += len(pairs) - len(different)
         self._note_differences(different)
         self._recorded, self._made = self._recorded[len(pairs) :], self._made[len(pairs) :]
@@ -75,11 +74,6 @@ class Comparison:
         if estimates and not self.different:
             self.since = estimates[0].time
         self.different += len(estimates)
-
-
-def _bits(estimate: Estimate) -> list[tuple[tuple[int, ...], bytes]]:
-    values = (np.asarray(getattr(estimate, field.name)) for field in fields(estimate))
-    return [(value.shape, value.tobytes()) for value in values]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from host.messages import (
     DeviceBytes,
     DeviceIdentity,
     Displacement,
-    Estimate,
     Health,
     Scan,
     Truth,
 )
+from host.recording.content import RecordedEstimate
 from host.recording.log import Recording
 
 COMMAND = [sys.executable, "-c", "from host.cli.main import main; main()"]
@@ -50,7 +50,7 @@ def test_without_a_lidar_the_reason_is_on_the_screen_until_it_comes_and_ctrl_c_e
     recording = Recording(path)
     kinds = {type(message) for message in recording.messages()}
     assert kinds == {
-        *(Scan, Displacement, Bearings, Estimate, Truth, Health),
+        *(Scan, Displacement, Bearings, RecordedEstimate, Truth, Health),
         *(DeviceBytes, DeviceIdentity),
     }
     assert not recording.remarks

@@ -31,6 +31,7 @@ from host.messages import (
     Scan,
     Truth,
 )
+from host.recording.content import digest
 from host.recording.log import Recorder, Recording, RecordingHeader
 
 HEADER = RecordingHeader(
@@ -96,6 +97,9 @@ def bits(value):
 
 
 def all_bits(message):
+    if isinstance(message, Estimate):
+        with np.errstate(over="ignore"):
+            return digest(message), message.time, message.positions.astype(np.float32).tobytes()
     fields = dataclasses.fields(message)
     return type(message), [bits(getattr(message, field.name)) for field in fields]
 

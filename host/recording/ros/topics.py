@@ -26,7 +26,8 @@ from host.messages import (
 )
 from host.recording.ros.cdr import CdrBuilder, nanoseconds
 
-ODOMETRY_S, MARKERS_S, HEALTH_S, BODIES_S = 0.25, 1.0, 2.0, 0.1  # at least, between two
+TRANSFORM_S, ODOMETRY_S, TEAMMATES_S, MARKERS_S = 0.25, 0.5, 0.2, 1.0  # at least, between two
+HEALTH_S, BODIES_S = 2.0, 0.1
 BINS = 360  # of a LaserScan
 _BODY_VARIANCE = 1e6  # ROS's way to say that z, roll and pitch are not known
 ROBOT, ODOM, LIDAR, FLOOR = "base_link", "odom", "lidar", "floor"
@@ -99,10 +100,11 @@ class Topics:
 
     def _odometry(self, step: Displacement) -> Iterator[Published]:
         self._path.append(step)
+        (pose,) = self._path.poses(np.array([step.time]))
+        if self._is_due("transform", step.time, TRANSFORM_S):
+            yield self._transforms("/tf", step.time, [(ODOM, ROBOT, pose)])
         if not self._is_due("odometry", step.time, ODOMETRY_S):
             return
-        (pose,) = self._path.poses(np.array([step.time]))
-        yield self._transforms("/tf", step.time, [(ODOM, ROBOT, pose)])
         cdr = CdrBuilder()
         self._header(cdr, step.time, ODOM)
         cdr.text(ROBOT)
@@ -139,7 +141,7 @@ class Topics:
         return Published(topic, "geometry_msgs/msg/PoseArray", cdr.data)
 
     def _estimate(self, estimate: Estimate) -> Iterator[Published]:
-        if self._is_due("estimate", estimate.time, 0.14):  # about as often as the lidar revolves
+        if self._is_due("estimate", estimate.time, TEAMMATES_S):
             yield self._poses("/teammates", estimate.time, ROBOT, _at(estimate.positions))
         if self._is_due("markers", estimate.time, MARKERS_S):
             yield self._markers(estimate)
