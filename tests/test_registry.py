@@ -16,7 +16,7 @@ from host.registry import BOARDS, FILTERS, LIDARS, SCENARIOS, Registry, load_plu
 @pytest.mark.parametrize(
     ("registry", "names"),
     [
-        (FILTERS, {"pmb", "phd", "perera2021", "clairvoyant", "last_reading"}),
+        (FILTERS, {"pmb", "phd", "perera2021", "kalman_hungarian", "clairvoyant", "last_reading"}),
         (LIDARS, {"x4"}),
         (BOARDS, {"romeo"}),
         (SCENARIOS, {"arena4", "swarm20", "misbuilt4"}),

@@ -39,11 +39,12 @@ def table(rows: Sequence[Row]) -> str:
 
 def _block(source: str, rows: Sequence[Row]) -> list[str]:
     best = {(row.observer, row.sensors): row.gospa_m for row in rows if row.filter == _BASELINE}
-    heading = f"  {'observer':8} {'filter':12} {'sensors':12}"
+    wide = max(12, *(len(row.filter) for row in rows))
+    heading = f"  {'observer':8} {'filter':{wide}} {'sensors':12}"
     heading += "".join(f" {name:>{width}}" for name, width, _ in _FIGURES.values())
     lines = [f"{source}   {rows[-1].seconds:.0f} s scored", heading + "  ratio"]
     for row in rows:
-        line = f"  {row.observer:8} {row.filter:12} {row.sensors:12}"
+        line = f"  {row.observer:8} {row.filter:{wide}} {row.sensors:12}"
         for name, (_, width, decimals) in _FIGURES.items():
             value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
             line += f" {_number(value, decimals):>{width}}"

@@ -7,6 +7,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.estimator.clairvoyant import Clairvoyant
 from host.estimator.interface import Filter
+from host.estimator.kalman_hungarian import IMPROVED, KalmanHungarian
 from host.estimator.last_reading import LastReading
 from host.estimator.motion_modes import MotionModes
 from host.estimator.perera2021 import Perera2021Filter
@@ -44,6 +45,12 @@ FILTERS.register(
     "pmb", FilterEntry(lambda robot: PmbFilter(robot.filter, robot.lidar, robot.camera))
 )
 FILTERS.register("perera2021", FilterEntry(lambda robot: Perera2021Filter(robot.lidar)))
+# Belaroussi 2024: how the lidar's readings are matched, and his improved errors (docs/systems.md).
+FILTERS.register("kalman_hungarian", FilterEntry(lambda _: KalmanHungarian()))
+FILTERS.register("kh_improved", FilterEntry(lambda _: KalmanHungarian(errors=IMPROVED)))
+FILTERS.register("kh_partial", FilterEntry(lambda _: KalmanHungarian("partial")))
+FILTERS.register("kh_full", FilterEntry(lambda _: KalmanHungarian("full")))
+FILTERS.register("kh_complementary", FilterEntry(lambda _: KalmanHungarian("complementary")))
 # To compare with: the limit of what a filter can reach, and no filter at all.
 FILTERS.register(
     "clairvoyant",
