@@ -129,6 +129,7 @@ class Viewer:
             max_size=1024,
             max_queue=4,
             write_limit=_READER_BUFFER,
+            ping_timeout=60.0,  # who reads slowly answers late
             close_timeout=0.5,
             server_header=None,
         ) as server:

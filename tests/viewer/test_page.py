@@ -17,16 +17,25 @@ import pytest
 from tests.viewer import scenes
 
 DOC = (Path(__file__).resolve().parents[2] / "docs" / "stream.md").read_text()
-# Middle of all pixels of the teammates' colour, in CSS pixels from the middle of the map; the map
-# shows nothing else meanwhile.
+# Middle of all pixels that something changes, each by how much it does (so that smoothed edges
+# count), in CSS pixels from the middle of the map.
 CENTROID = """
-const ink = [1, 3, 5].map(k => parseInt(colours.teammate.slice(k, k + 2), 16));
-const ratio = map.width / map.clientWidth, {data} = pen.getImageData(0, 0, map.width, map.height);
-let n = 0, x = 0, y = 0;
-for (let k = 0; k < data.length; k += 4)
-  if (data[k + 3] === 255 && ink.every((c, j) => Math.abs(data[k + j] - c) < 3)) {
-    n++; x += k / 4 % map.width + .5; y += Math.floor(k / 4 / map.width) + .5; }
-return [n, x / n / ratio - map.clientWidth / 2, y / n / ratio - map.clientHeight / 2];
+const all = () => { draw(); return pen.getImageData(0, 0, map.width, map.height).data; };
+const what = arguments[0], estimates = scene.estimates;
+if (what === "teammate") scene.estimates = [];
+const before = all();
+if (what === "teammate") scene.estimates = estimates; else shown[what] = true;
+const after = all(), ratio = map.width / map.clientWidth;
+if (what !== "teammate") shown[what] = false;
+let sum = 0, x = 0, y = 0;
+for (let k = 0; k < after.length; k += 4) {
+  const place = k / 4, column = place % map.width, row = Math.floor(place / map.width);
+  let weight = 0;
+  for (let j = 0; j < 4; j++) weight += Math.abs(after[k + j] - before[k + j]);
+  const off = Math.hypot(column - arguments[1][0] * ratio, row - arguments[1][1] * ratio);
+  if (off < 5 * ratio) { sum += weight; x += weight * (column + .5); y += weight * (row + .5); }
+}
+return [sum, x / sum / ratio - map.clientWidth / 2, y / sum / ratio - map.clientHeight / 2];
 """
 SCENES = [
     ((1.0, 0.5), 0.0, False),
@@ -36,22 +45,28 @@ SCENES = [
 
 
 @pytest.mark.parametrize(("place", "heading", "north_up"), SCENES)
-def test_a_teammate_is_drawn_where_it_is(served, browser, place, heading, north_up):
+def test_what_is_drawn_stands_where_the_stream_says(served, browser, place, heading, north_up):
     steps = [scenes.a_step(0.9), scenes.a_step(1.0, dpsi=heading)]
-    running = served(*steps, now=scenes.now(1.0, place, sigma=0.001))
+    known = scenes.now(1.0, place, sigma=0.001)
+    other = (-place[1], place[0])  # where a scan's only return is, and its only candidate
+    running = served(*steps, scenes.a_scan(1.0, other), scenes.candidates(1.0, other), now=known)
     browser.driver.get(running.viewer.url)
     browser.wait_for("scene && scene.estimates.length === 1")
     if north_up:
         browser.driver.find_element("id", "north").click()
     for name in ("scan", "candidates", "bearings", "trails", "truth"):
         browser.driver.find_element("name", name).click()
-    scale = browser.driver.execute_script("draw(); return view.scale")
-    count, x, y = browser.driver.execute_script(CENTROID)
+    scale = browser.driver.execute_script("return view.scale")
+    middle = browser.driver.execute_script("return [map.clientWidth / 2, map.clientHeight / 2]")
     angle = heading if north_up else 0.0
-    ahead = math.cos(angle) * place[0] - math.sin(angle) * place[1]
-    left = math.sin(angle) * place[0] + math.cos(angle) * place[1]
-    assert count > 10
-    assert (x, y) == pytest.approx((-scale * left, -scale * ahead), abs=1.0)
+    for what, (forward, sideways) in (("teammate", place), ("candidates", other), ("scan", other)):
+        ahead = math.cos(angle) * forward - math.sin(angle) * sideways
+        left = math.sin(angle) * forward + math.cos(angle) * sideways
+        expected = [-scale * left, -scale * ahead]
+        near = [middle[0] + expected[0], middle[1] + expected[1]]
+        changed, *drawn = browser.driver.execute_script(CENTROID, what, near)
+        assert changed > 300, what
+        assert drawn == pytest.approx(expected, abs=1.0), what
 
 
 def test_it_says_in_words_what_it_draws(served, browser):

@@ -1,0 +1,179 @@
+"""A long run with bad luck: does it stay as it is, in memory, threads, descriptors and time?
+
+    python -m tools.soak --minutes 30 --speed 4
+
+One process runs a simulated robot, its recording and its page, on a clock that is `speed` times as
+fast. Lidar and board are unplugged in turn, their lines stall and bring garbage, every few seconds;
+the cameras live, so that no estimate may be older than 0.5 s. One reader reads all, one hardly.
+Ends with exit code 1 where something grew by more than 5 % since the first quarter.
+"""
+
+import argparse
+import contextlib
+import functools
+import os
+import random
+import select
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+READ = """
+import sys, time
+from websockets.sync.client import connect
+with connect(sys.argv[1], ping_interval=None) as stream:
+    for _ in stream:
+        time.sleep(float(sys.argv[2]))
+"""
+LIDAR_OUT, BOARD_OUT, AGAIN_S = (3.0, 4.5), (7.0, 8.2), 10.0  # s within each ten
+STALL_S, STALLS_S, GARBAGE_S = 0.4, 6.0, 4.0
+OLDEST_S, GROWTH = 0.5, 0.05
+SCENARIO = "arena4:seed=1,seconds=7200"
+
+
+class Sample(NamedTuple):
+    """What a process has: memory (kB), threads, open descriptors."""
+
+    memory: int
+    threads: int
+    descriptors: int
+
+
+def faster(speed: float) -> None:
+    """Let the clock run `speed` times as fast for all that is imported from now on."""
+    monotonic, sleep, wait, chosen = (
+        time.monotonic,
+        time.sleep,
+        threading.Condition.wait,
+        select.select,
+    )
+    begin = monotonic()
+    # No function: some classes keep the clock, and a builtin is no method of theirs.
+    time.monotonic = functools.partial(lambda: begin + speed * (monotonic() - begin))
+
+    def shorter(timeout: float | None) -> float | None:
+        return None if timeout is None else timeout / speed
+
+    time.sleep = lambda seconds: sleep(seconds / speed)
+    threading.Condition.wait = lambda self, timeout=None: wait(self, shorter(timeout))  # type: ignore[method-assign]
+    select.select = lambda r, w, x, timeout=None: chosen(r, w, x, shorter(timeout))
+
+
+def sample() -> Sample:
+    """Of this process."""
+    status = Path("/proc/self/status").read_text()
+    figures = dict(line.split(":", 1) for line in status.splitlines())
+    descriptors = len(os.listdir("/proc/self/fd"))
+    return Sample(int(figures["VmRSS"].split()[0]), int(figures["Threads"]), descriptors)
+
+
+def disturb_lines() -> None:
+    """Lines of simulated devices that stall and bring garbage from now on."""
+    from host.simulation import live
+
+    random_bytes = random.Random(1)
+
+    class BadLine(live.Terminal):
+        held, garbage_due = b"", 0.0
+
+        def write(self, data: bytes) -> None:
+            now = time.monotonic()
+            if now > self.garbage_due:
+                self.garbage_due = now + GARBAGE_S
+                data = random_bytes.randbytes(64) + data
+            if now % STALLS_S < STALL_S:
+                self.held += data
+                return
+            data, self.held = self.held + data, b""
+            super().write(data)
+
+    live.Terminal = BadLine  # type: ignore[misc]
+
+
+class Ages:
+    """Who watches how old the newest reading in an estimate is."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+
+    def take(self, message: object) -> None:
+        """Nothing of interest."""
+
+    def look(self, now: object) -> None:
+        """Note the age."""
+        self.seconds.append(now.estimate.time - now.measured)  # type: ignore[attr-defined]
+
+
+def run(seconds: float, folder: Path) -> tuple[list[Sample], Ages, str]:
+    """Run for so many seconds of the faster clock; return samples, one in five of these."""
+    from host.config import RobotConfig
+    from host.sessions.running import run_devices
+    from host.sources.rig import simulated_rig
+    from host.viewer.scene import Scene
+    from host.viewer.server import Viewer
+
+    disturb_lines()
+    tens = [AGAIN_S * k for k in range(int(seconds / AGAIN_S))]
+    unplug = {
+        name: [(ten + begin, ten + end) for ten in tens]
+        for name, (begin, end) in (("lidar", LIDAR_OUT), ("board", BOARD_OUT))
+    }
+    samples, ages = [], Ages()
+    with contextlib.ExitStack() as stack:
+        rig = simulated_rig(stack, RobotConfig(), SCENARIO, unplug, "lidar+camera")
+        viewer = stack.enter_context(Viewer(Scene(rig.config, rig.config.filter.profile), port=0))
+        stream = viewer.url.replace("http:", "ws:") + "stream"
+        for pause_s in ("0", "2"):
+            reader = subprocess.Popen([sys.executable, "-c", READ, stream, pause_s])
+            stack.callback(reader.kill)
+        outcome = run_devices(
+            rig,
+            {},
+            {"page": viewer, "ages": ages},
+            seconds=seconds,
+            record=folder / "soak.mcap",
+            watch=lambda: samples.append(sample()),
+            watch_every_s=5.0,
+        )
+    lidar = outcome.figures["devices"]["lidar"]
+    share = outcome.figures["cpu_share_of_one_core"]
+    connections = lidar["counts"]["connections"]
+    said = f"{outcome.figures['updates']} updates, {connections} connections of the lidar"
+    return samples, ages, f"{said}, {share:.2f} of a core for each second of its clock"
+
+
+def main() -> None:
+    """Run, and print whether it stayed as it was."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options.add_argument("--minutes", type=float, default=30.0, help="of this computer's clock")
+    options.add_argument("--speed", type=float, default=4.0, help="times real time")
+    asked = options.parse_args()
+    faster(asked.speed)
+    with tempfile.TemporaryDirectory() as folder:
+        seconds = 60.0 * asked.minutes * asked.speed
+        samples, ages, said = run(seconds, Path(folder))
+        recorded = (Path(folder) / "soak.mcap").stat().st_size / 1e6
+    print(f"{asked.minutes:g} min at {asked.speed:g} times real time: {said}, {recorded:.1f} MB")
+    quarter = len(samples) // 4
+    grown = False
+    for name in Sample._fields:
+        early, late = (
+            statistics.median(getattr(each, name) for each in part)
+            for part in (samples[quarter : 2 * quarter], samples[-quarter:])
+        )
+        print(f"  {name:12} {early:.0f} → {late:.0f}")
+        grown |= late > (1.0 + GROWTH) * early
+    old = sum(age > OLDEST_S for age in ages.seconds)
+    print(
+        f"  oldest       {max(ages.seconds):.2f} s; {old} of {len(ages.seconds)} beyond {OLDEST_S}"
+    )
+    sys.exit(1 if grown or old else 0)
+
+
+if __name__ == "__main__":
+    main()
