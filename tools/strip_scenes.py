@@ -5,7 +5,7 @@ the rooms, lights and cameras of host/simulation/pictures/scenes.py. A strip cou
 at least 95 % of it is in plain view, and as found where a bearing is within 3 deg of its own; what
 is found within 3 deg of no strip in view is false.
 
-    .venv/bin/python tools/strip_scenes.py --pattern one_colour [--scenes brick,warm]
+    .venv/bin/python tools/strip_scenes.py --pattern one_colour [--hue 130] [--scenes brick,warm]
         [--pictures 40] [--seeds 1,2] [--draw FILE.jpg] [--json FILE]
 
 Cost is the least CPU time of three passes, the median over pictures.
@@ -114,6 +114,7 @@ def row(name: str, figures: dict) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pattern", help="of [camera.strip]; the default one if not given")
+    parser.add_argument("--hue", type=float, help="of a strip of one colour, deg; red if not given")
     parser.add_argument("--scenes", default=",".join(SCENES), help="names, by commas")
     parser.add_argument("--pictures", type=int, default=40, help="of each scene and seed")
     parser.add_argument("--seeds", default="1")
@@ -124,7 +125,8 @@ def main() -> None:
     if unknown := set(names) - set(SCENES):
         parser.error(f"no scene {', '.join(sorted(unknown))}; there are {', '.join(SCENES)}")
     cv2.setNumThreads(1)
-    strip = {"pattern": arguments.pattern} if arguments.pattern else {}
+    given = {"pattern": arguments.pattern, "hue_deg": arguments.hue}
+    strip = {key: value for key, value in given.items() if value is not None}
     cameras = Cameras.model_validate({"strip": strip})
     finder = StripFinder(cameras, cameras.front)
     seeds = [int(seed) for seed in arguments.seeds.split(",")]

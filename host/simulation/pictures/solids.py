@@ -3,6 +3,7 @@
 Faces are in the robot frame (m). Colours are (blue, green, red), 0 to 255, at full light.
 """
 
+import colorsys
 import math
 from dataclasses import dataclass, replace
 
@@ -119,10 +120,11 @@ class Cylinder:
 
 
 def strip_of(strip: Strip) -> Cylinder:
-    """The strip's coat on its robot."""
+    """The strip's coat on its robot: red, or of the hue that is looked for instead."""
     half = 0.5 * strip.tall_m
+    colour = _rotated(RED, strip.hue_deg)
     return Cylinder(
-        0.5 * strip.diameter_m, strip.height_m - half, strip.height_m + half, RED, _DARK
+        0.5 * strip.diameter_m, strip.height_m - half, strip.height_m + half, colour, _DARK
     )
 
 
@@ -205,3 +207,10 @@ def lit(colour: Colour, light: float) -> Colour:
 def _bgr(rgb: tuple[int, int, int]) -> Colour:
     red, green, blue = rgb
     return float(blue), float(green), float(red)
+
+
+def _rotated(colour: Colour, hue_deg: float) -> Colour:
+    """The colour with its hue so much further round the circle."""
+    hue, saturation, value = colorsys.rgb_to_hsv(*colour[::-1])
+    red, green, blue = colorsys.hsv_to_rgb((hue + hue_deg / 360.0) % 1.0, saturation, value)
+    return blue, green, red
