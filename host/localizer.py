@@ -16,7 +16,7 @@ import numpy as np
 
 from host.config import RobotConfig
 from host.estimator.consistency import Consistency
-from host.estimator.interface import Filter
+from host.estimator.interface import Filter, Learning
 from host.geometry import Path, rotation, to_frame, to_parent
 from host.message_checks import fault
 from host.messages import (
@@ -64,6 +64,7 @@ class Localizer:
         self.fault: str | None = None  # what was wrong with the last one of these
         self.consistency = Consistency()
         self.odometry = OdometryGains(config.lidar)
+        self.learnt = estimator.learnt if isinstance(estimator, Learning) else None
         self._config = config
         self._filter = estimator
         self._recent: deque[Estimate] = deque(maxlen=8)  # of the time that pictures are late by

@@ -15,6 +15,7 @@ from typing import Protocol, Self
 from host.cross_checks.checks import CrossChecks
 from host.drivers.pace import Pace
 from host.errors import UserError
+from host.estimator.interface import Judge
 from host.localizer import Localizer
 from host.message_checks import fault
 from host.message_queue import MessageQueue
@@ -26,6 +27,7 @@ LOCALIZER = "localizer"
 DRIVER = "driver"
 NOISE = "noise settings"
 GAINS = "odometry gains"
+DETECTION = "lidar detection"
 _POLL_S = 0.1
 _BEHIND_S = 0.5  # a message that waited longer for the localizer makes estimates of the past
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
@@ -49,20 +51,6 @@ class Driver(Source, Protocol):
 
     def know(self, estimate: Estimate, /) -> None:
         """Note where teammates are now, ten times a second, in the localizer's thread."""
-
-
-class Judge(Protocol):
-    """What compares settings with the data."""
-
-    @property
-    def known(self) -> bool:
-        """Whether there were enough data."""
-
-    def fault(self) -> str | None:
-        """What is wrong, with the next step; None where nothing is."""
-
-    def summary(self) -> str:
-        """What was found, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +272,8 @@ class Pipeline:
             NOISE: self._localizer.consistency,
             GAINS: self._localizer.odometry,
         }
+        if self._localizer.learnt is not None:
+            judges[DETECTION] = self._localizer.learnt
         for name, judge in judges.items():
             if judge.known:
                 wrong = judge.fault()

@@ -161,7 +161,7 @@ def simulated(text: str, standing: bool = False) -> Iterator[Message]:
 
 def _stand(simulation: Simulation) -> None:
     """Let the observer stand in the first half of each minute; no scenario has that."""
-    arena = simulation._arena
+    arena = simulation.arena
     begin, step = arena._start_rotation, arena._step
     observer = np.arange(arena.count) == OBSERVER
     speed = simulation.scenario.speed_mps

@@ -1,6 +1,6 @@
 """What every filter offers: three calls, in any order of sensors."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from host.messages import Bearings, Displacement, Estimate, Positions
 
@@ -22,3 +22,24 @@ class Filter(Protocol):
 
     def estimate(self) -> Estimate:
         """Return the teammates it would report now."""
+
+
+class Judge(Protocol):
+    """What compares settings with the data."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there were enough data."""
+
+    def fault(self) -> str | None:
+        """What is wrong, with the next step; None where nothing is."""
+
+    def summary(self) -> str:
+        """What was found, in words."""
+
+
+@runtime_checkable
+class Learning(Protocol):
+    """A filter that learns how its sensors do; learnt: None where it wraps one that does not."""
+
+    learnt: Judge | None

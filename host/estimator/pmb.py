@@ -18,11 +18,11 @@ from host.estimator.association import associate
 from host.estimator.evidence import likeness, new_share
 from host.estimator.gaussian_mixture import PXX, PXY, PYY
 from host.estimator.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.learnt_lidar import LearntLidar
 from host.estimator.moving_gaussians import X, Y, absorb, summed
 from host.estimator.pairing import pair_bearings, pair_positions
 from host.estimator.sensor_models import (
     CameraModel,
-    LidarModel,
     in_view,
     surroundings,
     survival,
@@ -73,7 +73,8 @@ class PmbFilter:
         self._modes = ThingModes(self._settings.pmb)
         self._world = StaticWorld(self._settings.gate)
         lidar, camera = lidar or Lidar(), camera or Cameras()
-        self._lidar, self._camera = LidarModel(lidar), CameraModel(camera)
+        self._lidar, self._camera = LearntLidar(lidar), CameraModel(camera)
+        self.learnt = self._lidar
         self._ranges_to_m = camera.max_range_m if camera.use_ranges else None
         teammates = 1.0 - self._settings.pmb.obstacle_share
         self._births = StripBirths(camera, self._settings.pmb.appear_per_m2_s * teammates)
@@ -136,6 +137,12 @@ class PmbFilter:
         variances = 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
         things.tracks[SEEN, i[placed]] = measured.time
         things.tracks[VARIANCE, i[placed]] = variances[j[placed]]
+        teammates = things.weights[TEAMMATE].sum(axis=0)
+        expected = (motions * detected).sum(axis=0)
+        self._lidar.learn(teammates, expected, 1.0 - found.missed, elapsed)
+        explained = (found.pairs * whole[TOTAL].take(i)).sum()
+        explained += (found.unclaimed * known.sum(axis=0) / background).sum()
+        self._lidar.learn_clutter(m - float(explained), measured.clearance, elapsed)
         new = found.unclaimed / background
         things.bear(
             *self._born(measured, noise, new * birth, new * known), measured.time, variances

@@ -85,6 +85,7 @@ class LidarModel:
         self._config = config
         self._centres = np.array([s.centre_rad for s in config.blind_sectors])
         self._widths = np.array([s.width_rad / 2.0 for s in config.blind_sectors])
+        self.close_by = config.detection_probability  # in plain view
         self.clutter = config.clutter_per_m2
 
     def detection(
@@ -102,7 +103,7 @@ class LidarModel:
         config = self._config
         probability = _range_curve(
             distance,
-            config.detection_probability,
+            self.close_by,
             config.half_range_m,
             config.range_steepness_per_m,
         )

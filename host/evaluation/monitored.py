@@ -4,7 +4,7 @@ import copy
 from collections.abc import MutableSequence
 from time import perf_counter
 
-from host.estimator.interface import Filter
+from host.estimator.interface import Filter, Learning
 from host.evaluation.labels import TruthTrack, label_by_track
 from host.messages import Bearings, Displacement, Estimate, Positions
 
@@ -26,6 +26,7 @@ class MonitoredFilter:
         track: TruthTrack | None = None,
         kept_after: type[Positions | Bearings] = Positions,
     ) -> None:
+        self.learnt = filter_.learnt if isinstance(filter_, Learning) else None
         self._filter = filter_
         self._update_seconds = update_seconds
         self._estimates = estimates
