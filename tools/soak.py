@@ -2,15 +2,18 @@
 
     python -m tools.soak --minutes 30 --speed 4
 
-One process runs a simulated robot, its recording and its page, on a clock that is `speed` times as
-fast. Lidar and board are unplugged in turn, their lines stall and bring garbage, every few seconds;
-the cameras live, so that no estimate may be older than 0.5 s. One reader reads all, one hardly.
+One process simulates the devices, another runs the robot with its recording and its page, both on a
+clock that is `speed` times as fast. Lidar and board are unplugged in turn, their lines stall and
+bring garbage, every few seconds; the cameras live, so that no estimate may be older than 0.5 s. One
+reader reads all, one hardly.
 Ends with exit code 1 where something grew by more than 5 % since the first quarter.
 """
 
 import argparse
 import contextlib
+import dataclasses
 import functools
+import multiprocessing
 import os
 import random
 import select
@@ -20,8 +23,13 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:  # what is imported before the clock is fast keeps the slow one
+    from host.messages import Message
 
 READ = """
 import sys, time
@@ -95,6 +103,36 @@ def disturb_lines() -> None:
     live.Terminal = BadLine  # type: ignore[misc]
 
 
+def simulate(seconds: float, pipe: Connection) -> None:
+    """The devices; through the pipe goes their configuration, then what the cameras see."""
+    from host.config import RobotConfig
+    from host.sources.rig import simulated_rig
+
+    disturb_lines()
+    tens = [AGAIN_S * k for k in range(int(seconds / AGAIN_S))]
+    unplug = {
+        name: [(ten + begin, ten + end) for ten in tens]
+        for name, (begin, end) in (("lidar", LIDAR_OUT), ("board", BOARD_OUT))
+    }
+    with contextlib.ExitStack() as stack:
+        rig = simulated_rig(stack, RobotConfig(), SCENARIO, unplug, "lidar+camera")
+        pipe.send(rig.config)
+        rig.sources["camera"].run(pipe.send, threading.Event())
+
+
+class Relayed:
+    """The simulated cameras of the other process, as a device."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def run(self, emit: "Callable[[Message], None]", stop: threading.Event) -> None:
+        """Hand on what comes."""
+        while not stop.is_set():
+            if self._pipe.poll(0.05):
+                emit(self._pipe.recv())
+
+
 class Ages:
     """Who watches how old the newest reading in an estimate is."""
 
@@ -111,21 +149,21 @@ class Ages:
 
 def run(seconds: float, folder: Path) -> tuple[list[Sample], Ages, str]:
     """Run for so many seconds of the faster clock; return samples, one in five of these."""
-    from host.config import RobotConfig
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    simulation = context.Process(target=simulate, args=(seconds, theirs))
+    simulation.start()
     from host.sessions.running import run_devices
-    from host.sources.rig import simulated_rig
+    from host.sources.rig import real_rig
     from host.viewer.scene import Scene
     from host.viewer.server import Viewer
 
-    disturb_lines()
-    tens = [AGAIN_S * k for k in range(int(seconds / AGAIN_S))]
-    unplug = {
-        name: [(ten + begin, ten + end) for ten in tens]
-        for name, (begin, end) in (("lidar", LIDAR_OUT), ("board", BOARD_OUT))
-    }
     samples, ages = [], Ages()
     with contextlib.ExitStack() as stack:
-        rig = simulated_rig(stack, RobotConfig(), SCENARIO, unplug, "lidar+camera")
+        stack.callback(simulation.terminate)
+        rig = real_rig(ours.recv(), "lidar")
+        sources = {**rig.sources, "camera": Relayed(ours)}
+        rig = dataclasses.replace(rig, sources=sources, sensors="lidar+camera")
         viewer = stack.enter_context(Viewer(Scene(rig.config, rig.config.filter.profile), port=0))
         stream = viewer.url.replace("http:", "ws:") + "stream"
         for pause_s in ("0", "2"):
@@ -155,6 +193,7 @@ def main() -> None:
     asked = options.parse_args()
     faster(asked.speed)
     with tempfile.TemporaryDirectory() as folder:
+        tempfile.tempdir = folder
         seconds = 60.0 * asked.minutes * asked.speed
         samples, ages, said = run(seconds, Path(folder))
         recorded = (Path(folder) / "soak.mcap").stat().st_size / 1e6
