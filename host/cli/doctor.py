@@ -77,7 +77,7 @@ def doctor(
         if scenario is None:
             rig = real_rig(robot, None)
         else:
-            rig = simulated_rig(stack, robot, scenario, {}, LIDAR_AND_CAMERA)
+            rig = simulated_rig(stack, robot, scenario, {}, LIDAR_AND_CAMERA, driven=spin)
         wheels = _spin(rig, yes) if spin else None
         with options.progress_bar("watching the devices") as progress:
             examined = examine(rig, Path.cwd(), Computer(), seconds, progress, wheels)

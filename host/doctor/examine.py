@@ -8,7 +8,7 @@ from host.config import RobotConfig
 from host.cross_checks.checks import DEVICE
 from host.doctor import disk
 from host.doctor.counted import too_often
-from host.doctor.findings import Finding, Level, of_health
+from host.doctor.findings import Finding, Level, failed, of_health
 from host.doctor.mountings import cameras_against_lidar
 from host.doctor.spin import Spin
 from host.doctor.views import missing_returns
@@ -45,13 +45,14 @@ def examine(
     more = {COMPUTER: computer}
     watched = watch(rig, more, seconds, spin.run if spin else None, progress)
     found, settings = spin.findings(watched) if spin else ([], {})
-    found = sorted([*findings_of(watched, rig.config), *found], key=_place)
+    found = _sorted([*findings_of(watched, rig.config), *found])
     return Examined([*found, *_absent(rig), disk_speed], settings)
 
 
 def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
     """What was seen of devices that were watched, part by part."""
     found = [finding for health in watched.health.values() for finding in of_health(health)]
+    found += [failed(part, error) for part, error in watched.failures.items()]
     found += too_often(watched)
     if watched.health.get("lidar") is not None and watched.health["lidar"].ok:
         found += missing_returns(watched.scans, config.lidar)
@@ -60,12 +61,21 @@ def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
     return found
 
 
-def _place(finding: Finding) -> tuple[int, str, int]:
-    """Devices first in the order of the signal; of each the worst first."""
-    order = (*_FIRST, "front camera", "rear camera", "camera", MOCAP)
-    part = finding.part
-    late = len(order) + (part in (COMPUTER, LOCALIZER))
-    return order.index(part) if part in order else late, part, _worst(finding)
+def _sorted(found: list[Finding]) -> list[Finding]:
+    """Parts in the order of the signal, of each the worst finding first.
+
+    A computer that has no time for its devices comes first of all: it makes each of them look ill.
+    """
+    late = (COMPUTER, LOCALIZER)
+    busy = any(finding.part in late and finding.level != Level.OK for finding in found)
+    order = (*(late if busy else ()), *_FIRST, "front camera", "rear camera", "camera", MOCAP)
+
+    def place(finding: Finding) -> tuple[int, str, int]:
+        part = finding.part
+        behind = len(order) + (part in late)
+        return order.index(part) if part in order else behind, part, _worst(finding)
+
+    return sorted(found, key=place)
 
 
 def _worst(finding: Finding) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from host.cross_checks.checks import CrossChecks
+from host.errors import UserError
 from host.estimator import profiles
 from host.localizer import Localizer
 from host.messages import Bearings, Bodies, Displacement, Health, Message, Scan
@@ -19,6 +20,8 @@ SECONDS = 12.0  # the lidar needs 5 s to get up to speed, and 5 s to show what c
 class Watched:
     """What came. health: the last of each device; first: the first that was ok.
 
+    failures: of devices that ended before their time, or did not end in time.
+
     Times are the host's monotonic ones, s.
     """
 
@@ -28,6 +31,7 @@ class Watched:
     steps: list[Displacement] = field(default_factory=list)
     bearings: list[Bearings] = field(default_factory=list)
     bodies: list[Bodies] = field(default_factory=list)
+    failures: dict[str, UserError] = field(default_factory=dict)
     # Messages come in one thread while another one reads.
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -64,7 +68,7 @@ def watch(
     """Run the devices of a rig, and `more` beside them, for so long, and keep what came.
 
     meanwhile: called once all run; what it takes is not counted in the seconds. progress: told
-    (seconds so far, seconds in all). Raises what the localizer failed of.
+    (seconds so far, seconds in all). Raises what is the program's own fault.
     """
     watched = Watched()
     localizer = Localizer(rig.config, profiles.make(rig.config.filter.profile, rig.config))
@@ -79,6 +83,8 @@ def watch(
             meanwhile(watched)
         # Devices stop with the pipeline, and may have their last words.
         kept = replace(watched, health=dict(watched.health))
-    for error in pipeline.failures.values():
-        raise error
+    for name, error in pipeline.failures.items():
+        if not isinstance(error, UserError):
+            raise error
+        kept.failures[name] = error
     return kept
