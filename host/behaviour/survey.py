@@ -20,7 +20,8 @@ _RATE_RADPS = 1.8
 _WALK_MPS, _SLOW_MPS = 0.3, 0.15
 _NEAR_M = 0.6  # to a teammate's middle: near enough
 _STEP_S = 5.0  # at the most, of what is no rotation
-_AIM_RAD = math.radians(10.0)
+_AIM_RAD = math.radians(10.0)  # so well it turns to where room is
+_AHEAD_RAD = math.radians(50.0)  # a teammate further aside is turned to before it drives
 
 # What it does in turn: rotations by so much (rad), curves by speed (m/s) and turn rate (rad/s),
 # "near": up to the nearest teammate, "far": where most room is.
@@ -49,6 +50,8 @@ class Survey:
         """start: with which of its parts it begins."""
         self._number = start % len(_PROGRAM)
         self._began: tuple[float, float] | None = None  # time and heading
+        self._free = 0.0  # heading of the most room, when it was looked for
+        self._turning = False  # to there
         self._ended = threading.Event()
         self._way_m = 0.0
         self._time = math.inf
@@ -64,17 +67,23 @@ class Survey:
         if self._ended.is_set() and self._way_m >= LEAST_WAY_M:
             return None
         if self._began is None or self._is_done(now, *self._began):
-            self._number = (self._number + (self._began is not None)) % len(_PROGRAM)
-            self._began = now.time, now.pose[2]
+            self._begin_next(now)
         part = _PROGRAM[self._number]
-        if isinstance(part, tuple):
-            return Command(*part)
         if isinstance(part, float):
             return Command(0.0, math.copysign(_RATE_RADPS, part))
-        goal = self._goal(part, now)
-        if abs(goal) > _AIM_RAD:
-            return Command(0.0, math.copysign(_RATE_RADPS, goal))
-        return Command(_WALK_MPS, 2.0 * goal)
+        if part == "near" and len(now.teammates):
+            return _towards(_nearest_mate(now)[1])
+        if isinstance(part, tuple) and part[0] < 0.0:
+            return Command(*part)
+        return self._in_free_space(now, part)
+
+    def _begin_next(self, now: Situation) -> None:
+        self._number = (self._number + (self._began is not None)) % len(_PROGRAM)
+        if self._ended.is_set() and isinstance(_PROGRAM[self._number], float):
+            self._number = (self._number + 1) % len(_PROGRAM)  # only ways are lacking
+        self._began = now.time, now.pose[2]
+        self._free = now.pose[2] + roomiest(now)
+        self._turning = _PROGRAM[self._number] == "far"
 
     def _is_done(self, now: Situation, began: float, heading: float) -> bool:
         part = _PROGRAM[self._number]
@@ -84,17 +93,25 @@ class Survey:
             return True
         if part == "near":
             return _nearest_mate(now)[0] < _NEAR_M or now.nearest(0.0, SIDE / 2) < 0.7 * AHEAD_M
-        if isinstance(part, tuple) and part[0] < 0.0:
-            return now.nearest(math.pi, SIDE) < AHEAD_M
-        turning = part == "far" and abs(self._goal("far", now)) > _AIM_RAD
-        return not turning and now.nearest(0.0, SIDE) < AHEAD_M
+        backward = isinstance(part, tuple) and part[0] < 0.0
+        return backward and now.nearest(math.pi, SIDE) < AHEAD_M
 
-    def _goal(self, part: str, now: Situation) -> float:
-        """The bearing (rad) to go for."""
-        distance, bearing = _nearest_mate(now)
-        if part == "near" and math.isfinite(distance):
-            return bearing
-        return roomiest(now)
+    def _in_free_space(self, now: Situation, part: tuple[float, float] | str) -> Command:
+        """The curve, or straight on; what comes in its way it turns from, to the most room."""
+        if not self._turning and now.nearest(0.0, SIDE) < AHEAD_M:
+            self._turning, self._free = True, now.pose[2] + roomiest(now)
+        goal = float(wrap(self._free - now.pose[2]))
+        self._turning = self._turning and abs(goal) > _AIM_RAD
+        if self._turning:
+            return Command(0.0, math.copysign(_RATE_RADPS, goal))
+        return Command(*part) if isinstance(part, tuple) else Command(_WALK_MPS, 0.0)
+
+
+def _towards(bearing: float) -> Command:
+    """Turn to it, and drive on it once it is ahead."""
+    if abs(bearing) > _AHEAD_RAD:
+        return Command(0.0, math.copysign(_RATE_RADPS, bearing))
+    return Command(_WALK_MPS * math.cos(bearing), 2.0 * bearing)
 
 
 def _nearest_mate(now: Situation) -> tuple[float, float]:
