@@ -22,6 +22,7 @@ _LARGEST_SCORE = 500.0  # a log likelihood ratio; its exponential must be a numb
 _MOST_HEADING_VARIANCE = 100.0  # rad²: more than not to know it at all
 _LEAST_SHAPE = 1e-9  # of det P / (tr P)²: a thinner ellipse is numerically a line
 _SYMMETRIC = 1e-6  # relative
+_NUMBERS = (int, float, np.integer, np.floating)
 
 
 def check(message: object) -> None:
@@ -108,7 +109,7 @@ def _(motion: Displacement) -> None:
 
 
 def _number(name: str, value: object, least: float, most: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, bool) or not isinstance(value, _NUMBERS):
         raise _FaultError(f"{name} is no number but {type(value).__name__}")
     if not least <= value <= most:  # so that nan is refused, too
         raise _FaultError(f"{name} is {value}, not within {least:g} to {most:g}")
@@ -157,10 +158,10 @@ def _covariances(values: object, count: int) -> None:
             f"the variances of reading {which} are not all at least {_LEAST_VARIANCE:g} m²"
         )
     trace = xx + yy
-    if np.any(np.abs(xy - yx) > _SYMMETRIC * trace):
+    if (np.abs(xy - yx) > _SYMMETRIC * trace).any():
         which = int(np.argmax(np.abs(xy - yx) / trace))
         raise _FaultError(f"the covariance of reading {which} is not symmetric")
-    if np.any(xx * yy - xy * yx < _LEAST_SHAPE * trace * trace):
+    if (xx * yy - xy * yx < _LEAST_SHAPE * trace * trace).any():
         which = int(np.argmin((xx * yy - xy * yx) / trace**2))
         raise _FaultError(f"the covariance of reading {which} is not positive definite")
 

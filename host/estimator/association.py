@@ -11,7 +11,7 @@ import numpy as np
 
 from host.messages import FloatArray, IntArray
 
-_CLOSE_ENOUGH = 1e-4  # change of a message, at which the iteration ends
+_CLOSE_ENOUGH = 1e-3  # change of a message, at which the iteration ends
 _MOST_ITERATIONS = 50
 
 

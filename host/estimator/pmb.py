@@ -148,7 +148,8 @@ class PmbFilter:
             *self._born(measured, noise, new * birth, new * known), measured.time, variances
         )
         things.merge_duplicates()
-        if known.any() or measured.time - self._learnt >= _LEARN_S:
+        known_again = (known.sum(axis=0) > 0.5 * background).any()
+        if known_again or measured.time - self._learnt >= _LEARN_S:
             self._remember_obstacles(remembered, measured.time)
 
     def _lidar_detection(self, measured: FloatArray | None) -> FloatArray:
@@ -193,13 +194,16 @@ class PmbFilter:
 
     def _update_by_cameras(self, measured: Bearings) -> None:
         """Readings of teammates only; without the lidar they show those that are new, too."""
-        places, unclaimed = self._births.places(measured), np.ones(len(measured.bearings))
+        elapsed, n = self._births.elapsed(measured), len(self._things)
+        if measured.time - self._scanned <= _LONGEST_S:
+            if n:
+                self._use_strips(measured, None)
+            return
+        places, unclaimed = self._births.places(measured, elapsed), np.ones(len(measured.bearings))
         births = places.of_readings(len(measured.bearings))
-        alone = measured.time - self._scanned > _LONGEST_S
-        if len(self._things):
-            unclaimed = self._use_strips(measured, births if alone else None)
-        if alone:
-            self._bear_strips(measured, places, unclaimed / (self._camera.clutter + births))
+        if n:
+            unclaimed = self._use_strips(measured, births)
+        self._bear_strips(measured, places, unclaimed / (self._camera.clutter + births))
 
     def _use_strips(self, measured: Bearings, births: FloatArray | None) -> FloatArray:
         """What has no strip is an obstacle, or not there; returns the unclaimed (m,).

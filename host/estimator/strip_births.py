@@ -66,12 +66,15 @@ class StripBirths:
         self._appear = appear_per_m2_s
         self._pictured: dict[str, float] = {}  # when each camera last took a picture
 
-    def places(self, measured: Bearings) -> Places:
-        """Where the strips (m,) of a picture may be; call once a picture, in order of time."""
+    def elapsed(self, measured: Bearings) -> float:
+        """Time since the same camera's picture before, s; call once a picture, in order of time."""
         taken = measured.time - measured.lag
         before = self._pictured.get(measured.camera, -math.inf)
         self._pictured[measured.camera] = max(taken, before)
-        elapsed = min(max(taken - before, 0.0), _LONGEST_S)
+        return min(max(taken - before, 0.0), _LONGEST_S)
+
+    def places(self, measured: Bearings, elapsed: float) -> Places:
+        """Where the strips (m,) of a picture may be that was taken `elapsed` s after another."""
         ranges, variances, area = self._ranges(measured)
         reading = np.arange(len(ranges)).repeat(ranges.shape[1])
         ranges, bearings = ranges.ravel(), measured.bearings.take(reading)

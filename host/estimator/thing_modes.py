@@ -34,6 +34,8 @@ TEAMMATE = slice(1, 5)
 STILL, MOTIONS = 0, 3  # of the Gaussians
 MOTION_OF = np.array([0, 0, 0, 1, 2])  # the Gaussian of each mode
 
+_IN_MOTION = (np.arange(MOTIONS)[:, None] == MOTION_OF).astype(np.float64)
+
 # From mode to mode, 1/s. The chain has neighbours only, so its eigenvalues are real. A parked
 # robot stands for minutes, as an obstacle does for ever: lest standing long speak for an obstacle.
 _RATES = np.array(
@@ -86,9 +88,7 @@ class ThingModes:
         """
         chances = np.maximum((self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse, 0.0)
         # The probability that flows from motion to motion, of the modes that it flows from.
-        of_mode = np.add.reduceat(chances, (0, 3, 4), axis=1)
-        flows = np.zeros((MOTIONS, MOTIONS, MODES))
-        flows[MOTION_OF, :, range(MODES)] = of_mode
+        flows = _IN_MOTION[:, None] * (_IN_MOTION @ chances.T)
         shares = flows.reshape(-1, MODES) @ weights
         shares[:: MOTIONS + 1] += _LEAST_FLOW
         shares = shares.reshape(MOTIONS, MOTIONS, -1)

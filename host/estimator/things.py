@@ -94,11 +94,13 @@ class Things:
         gone, kept = likely.take(gone), likely.take(kept)
         both = np.minimum(there + np.bincount(kept, there.take(gone), len(there)), 1.0)
         self.weights *= both / np.maximum(there, 1e-300)
+        self.whole[TOTAL] = both
         labels = np.where(tracks[LABEL] > 0.0, tracks[LABEL], math.inf)
         np.minimum.at(labels, kept, labels.take(gone))
         tracks[LABEL] = np.where(labels < math.inf, labels, 0.0)
-        self._keep(np.delete(np.arange(len(there)), gone))
-        self.changed()
+        stay = np.delete(np.arange(len(there)), gone)
+        self._keep(stay)
+        self.whole = self.whole.take(stay, axis=1)
 
     def _keep(self, kept: IntArray) -> None:
         self.rows, self.weights = self.rows.take(kept, axis=2), self.weights.take(kept, axis=1)

@@ -26,6 +26,10 @@ def picture(time, place, random, sizes=True):
     return replace(seen, ranges=ranges, range_variances=(SIZE_STD * ranges) ** 2)
 
 
+def places_of(births, picture):
+    return births.places(picture, births.elapsed(picture))
+
+
 def test_a_size_gives_a_place_with_the_spread_of_bearing_and_range():
     seen = Bearings(
         1.0,
@@ -35,7 +39,7 @@ def test_a_size_gives_a_place_with_the_spread_of_bearing_and_range():
         ranges=np.array([1.5]),
         range_variances=np.array([0.05**2]),
     )
-    places = StripBirths(Cameras(), 0.001).places(seen)
+    places = places_of(StripBirths(Cameras(), 0.001), seen)
     random = np.random.default_rng(1)
     bearings = 2.5 + 0.01 * random.standard_normal(200_000)
     ranges = 1.5 + 0.05 * random.standard_normal(200_000)
@@ -48,8 +52,8 @@ def test_the_pieces_of_a_ray_cover_what_teammates_may_be_on_it():
     """Whoever appears in the view is on a piece: the intensity is that of the piece's area."""
     everywhere = Cameras(half_range_m=10.0, detection_probability=0.98, range_steepness_per_m=50.0)
     births = StripBirths(everywhere, appear_per_m2_s=0.5)
-    births.places(Bearings(0.0, np.zeros(0), np.zeros(0)))
-    places = births.places(Bearings(0.2, np.array([0.4]), np.array([0.01])))
+    places_of(births, Bearings(0.0, np.zeros(0), np.zeros(0)))
+    places = places_of(births, Bearings(0.2, np.array([0.4]), np.array([0.01])))
     distances = np.hypot(*places.positions.T)
     nearest, farthest = 0.3, 0.3 * 2.0**3.5
     assert nearest < distances.min() < distances.max() < farthest
@@ -60,8 +64,10 @@ def test_the_pieces_of_a_ray_cover_what_teammates_may_be_on_it():
 def test_the_same_picture_again_begins_nobody():
     births = StripBirths(Cameras(), 0.001)
     random = np.random.default_rng(2)
-    births.places(picture(1.0, (1.0, 0.5), random))
-    assert births.places(picture(1.0, (1.0, 0.5), random)).of_readings(1) == pytest.approx([0.0])
+    places_of(births, picture(1.0, (1.0, 0.5), random))
+    assert places_of(births, picture(1.0, (1.0, 0.5), random)).of_readings(1) == pytest.approx(
+        [0.0]
+    )
 
 
 def test_while_the_lidar_scans_strips_begin_nobody():
