@@ -208,6 +208,10 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("figures", type=Path, help="what `swarmloc evaluate --json` wrote")
     try:
-        print(picture(read(json.loads(parser.parse_args().figures.read_text(encoding="utf-8")))))
+        print(
+            picture(
+                read(json.loads(parser.parse_args().figures.read_text(encoding="utf-8"))["rows"])
+            )
+        )
     except UserError as error:
         raise SystemExit(str(error)) from None

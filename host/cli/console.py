@@ -215,7 +215,7 @@ class Console:
         self._clock = clock
         self._start = clock()
         self._lock = threading.Lock()
-        self._terminal = out.isatty()
+        self._terminal = out.isatty() and os.environ.get("TERM") != "dumb"
         self._paint = coloured if self._terminal and not os.environ.get("NO_COLOR") else plain
         self._opened = False
         self._next_line = self._start + line_s

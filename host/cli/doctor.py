@@ -41,7 +41,7 @@ Examples:
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(1.0, 600.0),
+    type=options.Seconds(1.0, 600.0),
     default=SECONDS,
     show_default=True,
     help="Watch for so long. A covered lidar window shows after 11 s.",
@@ -82,9 +82,9 @@ def doctor(
         with options.progress_bar("watching the devices") as progress:
             examined = examine(rig, Path.cwd(), Computer(), seconds, progress, wheels)
     found = examined.findings
+    options.write_json(json_path, in_json(found))
     click.echo(f"{rig.title}\n\n{table(found, shutil.get_terminal_size().columns)}\n")
     click.echo(_verdict(found))
-    options.write_json(json_path, in_json(found))
     if robot_path is not None and examined.settings:
         _write(robot_path, examined.settings, yes)
     ctx.exit(any(finding.level == Level.FAIL for finding in found))

@@ -44,7 +44,7 @@ def drive_options(command: AnyFunction) -> AnyFunction:
         options.robot_option,
         simulate_option,
         click.option(
-            "--seconds", type=click.FloatRange(0.1), help="End after so long.  [default: never]"
+            "--seconds", type=options.Seconds(0.1), help="End after so long.  [default: never]"
         ),
         record_option,
         view_option,
@@ -177,8 +177,8 @@ def _drive(
         viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
         outcome = show_run(rig, seconds, record, viewers, driving)
         contacts = contacts_in_words(rig)
+    options.write_json(json_path, outcome.figures)
     click.echo(summary(outcome.figures))
     if contacts:
         click.echo(contacts)
-    options.write_json(json_path, outcome.figures)
     check_failures(outcome)

@@ -1,6 +1,5 @@
 """`swarmloc evaluate`: filters against truth, as rows of figures."""
 
-import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -100,20 +99,20 @@ def evaluate(
             click.echo(_NO_PICTURES, err=True)
     size = step_count(sources, names, chosen)
     with click.progressbar(
-        length=size, label="evaluating", item_show_func=lambda done: done or "", file=sys.stderr
+        length=size, label="evaluating", item_show_func=lambda done: done or "", file=options.stderr
     ) as bar:
         keep = (lambda scored: None) if folder is None else folder.take
         rows = score_sources(
             sources, names, chosen, robot, lambda done: bar.update(1, done), keep, truth
         )
-    if rows:
-        click.echo(table(rows))
     compared = list(score_systems(every, others))
-    if compared:
-        click.echo(systems_table(compared))
     options.write_json(
         json_path, [row.as_json() for row in rows] + [row.as_json() for row in compared]
     )
+    if rows:
+        click.echo(table(rows, options.columns()))
+    if compared:
+        click.echo(systems_table(compared))
     if folder is not None:
         folder.finish(rows)
         click.echo(f"figures: {folder.path}")

@@ -35,5 +35,5 @@ def export_command(
     robot = None if robot_path is None else robot_configuration(robot_path)
     with options.progress_bar() as progress:
         figures = export(source, output, robot, progress)
-    click.echo(options.listing(figures))
     options.write_json(json_path, figures)
+    click.echo(options.listing(figures))

@@ -46,7 +46,7 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
         ),
         click.option(
             "--seconds",
-            type=click.FloatRange(1.0),
+            type=options.Seconds(1.0),
             help="Without SOURCE: end after so long.  [default: at Ctrl-C]",
         ),
         click.option(
@@ -109,8 +109,7 @@ class Fitting:
         # At once: after a drive it would be too late.
         if robot_path is not None:
             robot_file.check_writable(robot_path)
-        for path in (report_path, json_path):
-            _check_folder(path)
+        options.check_writable(report_path)
 
     def gather(
         self,
@@ -166,11 +165,11 @@ class Fitting:
         calibration = dataclasses.replace(calibration, warnings=warnings)
         date = datetime.date.today().isoformat()
         robot = "a Cherokey" if self.robot_path is None else str(self.robot_path)
-        click.echo(figures.as_text(calibration))
-        report.write_html(self._report_path, calibration, source, date, robot)
-        click.echo(f"report: {self._report_path}")
         content = {**figures.as_json(calibration, source, date), **more}
         options.write_json(self._json_path, content)
+        report.write_html(self._report_path, calibration, source, date, robot)
+        click.echo(figures.as_text(calibration))
+        click.echo(f"report: {self._report_path}")
         if calibration.failures and not self._accept:
             raise UserError(
                 f"the {calibration.kind} calibration is refused; nothing is written",
@@ -194,13 +193,3 @@ class Fitting:
 def drive_name() -> Path:
     """Where a drive is recorded that nobody named."""
     return Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")
-
-
-def _check_folder(path: Path | None) -> None:
-    """Raise UserError where there is no folder for a file that is to be written."""
-    if path is not None and not path.absolute().parent.is_dir():
-        raise UserError(
-            f"cannot write {path}",
-            f"there is no folder {path.parent}",
-            "make it, or choose a file in another one",
-        )

@@ -2,6 +2,9 @@
 
 import contextlib
 import json
+import math
+import os
+import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,13 +41,73 @@ filter_option = click.option(
     metavar="NAME",
     help=f"Filter to use: {', '.join(FILTERS.names())}.  [default: the configuration's]",
 )
+
+
+def check_writable(path: Path) -> None:
+    """Raise UserError where a file that is to be written cannot be."""
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise UserError(
+            f"cannot write {path}",
+            f"there is no folder {path.parent}",
+            "make it, or choose a file in another one",
+        )
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise UserError(f"cannot write {path}", "it is not yours to write", "choose another file")
+
+
+def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None:  # at once: after the work it would be too late
+        check_writable(path)
+    return path
+
+
 json_option = click.option(
     "--json",
     "json_path",
     type=click.Path(path_type=Path, dir_okay=False),
+    callback=_checked,
     metavar="FILE",
     help="Write the figures to FILE as JSON too.",
 )
+
+
+class Seconds(click.FloatRange):
+    """Seconds on the command line: a number from `least` on, and no nan or inf."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number. Raises a usage error."""
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"{value} is no number of seconds.", param, ctx)
+        return found
+
+
+class _Stderr:
+    """Standard error, as progress bars need it: what cannot be shown is no failure of the work.
+
+    A terminal that is gone, or that cannot move its cursor (TERM=dumb), shows no bar.
+    """
+
+    def write(self, text: str) -> int:
+        """Write, where that is possible."""
+        with contextlib.suppress(OSError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, where that is possible."""
+        with contextlib.suppress(OSError):
+            sys.stderr.flush()
+
+    def isatty(self) -> bool:
+        """Whether a bar can be drawn."""
+        return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+stderr: Any = _Stderr()
 
 
 def truth_options(command: AnyCommand) -> AnyCommand:
@@ -83,6 +146,11 @@ def _truth(context: click.Context, option: click.Parameter, text: str | None) ->
     return None if text is None else truth_file(text, context.meta[_UNITS], report)
 
 
+def columns() -> float:
+    """How wide the terminal is; without one, nothing is too wide."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else math.inf
+
+
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
     """The parts of a comma-separated option. Raises a usage error for one that is not known."""
     parts = [part.strip() for part in text.split(",")]
@@ -109,7 +177,7 @@ def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], 
             if bar is None:
                 length = max(1, round(10.0 * seconds))
                 bar = stack.enter_context(
-                    click.progressbar(length=length, label=label, file=sys.stderr)
+                    click.progressbar(length=length, label=label, file=stderr)
                 )
             if time >= shown + 1.0:
                 bar.update(round(10.0 * (time - shown)))
@@ -118,12 +186,19 @@ def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], 
         yield move
 
 
-def write_json(path: Path | None, content: object) -> None:
-    """Write figures to a file; None: nowhere. Raises UserError where that fails."""
+def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Write figures to a file; None: nowhere. Raises UserError where that fails.
+
+    All commands have one envelope: schema, its version, the command, and its `rows` (a list) or its
+    `result`. To be called before the screen is written to: that may be gone.
+    """
     if path is None:
         return
+    command = " ".join(click.get_current_context().command_path.split()[1:])
+    kind = "result" if isinstance(content, Mapping) else "rows"
+    whole = {"schema": "swarmloc.figures", "version": 1, "command": command, kind: content}
     try:
-        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise UserError(
             f"cannot write {path}", error.strerror or str(error), "choose another file"

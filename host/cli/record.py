@@ -42,5 +42,5 @@ def record(damaged: Path | None, output: Path | None, json_path: Path | None) ->
         "messages": repaired.messages,
         "records": repaired.records,
     }
-    click.echo(f"{repaired.output}: {repaired.messages} messages; {repaired.fault}")
     options.write_json(json_path, figures)
+    click.echo(f"{repaired.output}: {repaired.messages} messages; {repaired.fault}")

@@ -37,13 +37,13 @@ Examples:
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(0.0, min_open=True),
+    type=options.Seconds(0.0, min_open=True),
     help="Show it on the screen, so many times as fast as it was.",
 )
 @click.option(
     "--from",
     "start_s",
-    type=click.FloatRange(0.0),
+    type=options.Seconds(0.0),
     metavar="SECONDS",
     default=0.0,
     help="With --speed or --view: begin to show it there; what came before is run through at once.",
@@ -107,6 +107,6 @@ def replay(
         raise click.Abort
     if done is None:
         return
-    click.echo(summary(done.figures))
     options.write_json(json_path, done.figures)
+    click.echo(summary(done.figures))
     done.check()

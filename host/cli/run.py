@@ -68,11 +68,11 @@ Examples:
     metavar="DEVICE=FROM-TO",
     multiple=True,
     callback=_intervals,
-    help="Leave a simulated device out for some seconds, as lidar=2-4 or board=3-.",
+    help="Leave a simulated device out for some seconds, as lidar=2-4, board=3- or camera=5-8.",
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0.1),
+    type=options.Seconds(0.1),
     help="End after so long.  [default: seconds of SCENARIO where it sets them, else never]",
 )
 @click.option(
@@ -129,8 +129,8 @@ def run(
         if foxglove is not None:
             viewers["foxglove"] = stack.enter_context(FoxgloveServer(rig.config, *foxglove))
         outcome = show_run(rig, seconds, record, viewers)
-    click.echo(summary(outcome.figures))
     options.write_json(json_path, outcome.figures)
+    click.echo(summary(outcome.figures))
     check_failures(outcome)
     _check_measured(outcome.figures)
 

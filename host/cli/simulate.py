@@ -46,5 +46,5 @@ def simulate(
     with options.progress_bar() as progress:
         robot = robot_configuration(robot_path)
         figures = simulate_to_recording(scenario, output, robot, progress, sensors)
-    click.echo(options.listing(figures))
     options.write_json(json_path, figures)
+    click.echo(options.listing(figures))

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -127,8 +126,8 @@ def sweep_command(
     plugins = context.find_root().params.get("plugins", ())
     _run(every, records, output, scheduler, workers, plugins)
     found = summaries(records.of(every))
-    click.echo(table(found))
     options.write_json(json_path, [summary.as_json() for summary in found])
+    click.echo(table(found))
 
 
 def _run(
@@ -147,7 +146,7 @@ def _run(
             length=len(every) - done,
             label="sweeping",
             item_show_func=lambda trial: trial or "",
-            file=sys.stderr,
+            file=options.stderr,
         ) as bar:
             sweep(every, records, lambda name: bar.update(1, name), scheduler, workers, plugins)
     except KeyboardInterrupt as interrupt:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import textwrap
 from collections.abc import Sequence
 
 from host.evaluation.metrics import Row
@@ -29,29 +30,48 @@ minute. ANEES: 1 is consistent, more is overconfident. ms: one predict and updat
 to clairvoyant's."""
 
 
-def table(rows: Sequence[Row]) -> str:
-    """The rows, one block a source; the last column is GOSPA over the clairvoyant filter's."""
+def table(rows: Sequence[Row], columns: float = math.inf) -> str:
+    """The rows, one block a source; the last column is GOSPA over the clairvoyant filter's.
+
+    columns: of the terminal; where it is narrow, the figures of a block stand below each other.
+    """
     lines: list[str] = []
     for source, block in itertools.groupby(rows, key=lambda row: row.source):
-        lines += [*_block(source, list(block)), ""]
-    return "\n".join([*lines, _LEGEND])
+        lines += [*_block(source, list(block), columns), ""]
+    width = min(columns - 1, max(map(len, _LEGEND.splitlines())))
+    return "\n".join([*lines, textwrap.fill(" ".join(_LEGEND.split()), int(width))])
 
 
-def _block(source: str, rows: Sequence[Row]) -> list[str]:
+def _block(source: str, rows: Sequence[Row], columns: float) -> list[str]:
+    """Who stands at the left of every part; parts are as wide as the terminal allows."""
     best = {(row.observer, row.sensors): row.gospa_m for row in rows if row.filter == _BASELINE}
+    names = [("observer", "filter", "sensors"), *((r.observer, r.filter, r.sensors) for r in rows)]
     wide = max(12, *(len(row.filter) for row in rows))
-    heading = f"  {'observer':8} {'filter':{wide}} {'sensors':12}"
-    heading += "".join(f" {name:>{width}}" for name, width, _ in _FIGURES.values())
-    lines = [f"{source}   {rows[-1].seconds:.0f} s scored", heading + "  ratio"]
-    for row in rows:
-        line = f"  {row.observer:8} {row.filter:{wide}} {row.sensors:12}"
-        for name, (_, width, decimals) in _FIGURES.items():
-            value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
-            line += f" {_number(value, decimals):>{width}}"
-        limit = best.get((row.observer, row.sensors), math.nan)
-        ratio = row.gospa_m / limit if limit else math.nan  # 0 where nobody was to be found
-        lines.append(f"{line} {_number(ratio, 2):>6}")
+    left = [f"  {observer:8} {name:{wide}} {sensors:12}" for observer, name, sensors in names]
+    figures = [
+        [f" {name:>{width}}" for name, width, _ in _FIGURES.values()] + ["  ratio"],
+        *(_cells(row, best.get((row.observer, row.sensors), math.nan)) for row in rows),
+    ]
+    lines, begin = [f"{source}   {rows[-1].seconds:.0f} s scored"], 0
+    while begin < len(figures[0]):
+        end = begin + 1
+        while (
+            end < len(figures[0]) and len(left[0] + "".join(figures[0][begin : end + 1])) < columns
+        ):
+            end += 1
+        lines += [who + "".join(row[begin:end]) for who, row in zip(left, figures, strict=True)]
+        begin = end
     return lines
+
+
+def _cells(row: Row, limit: float) -> list[str]:
+    """The figures of a row, each as wide as its column; limit: GOSPA of the clairvoyant filter."""
+    cells = []
+    for name, (_, width, decimals) in _FIGURES.items():
+        value = getattr(row, name) * (100.0 if name == "time_over_30cm" else 1.0)
+        cells.append(f" {_number(value, decimals):>{width}}")
+    ratio = row.gospa_m / limit if limit else math.nan  # 0 where nobody was to be found
+    return [*cells, f" {_number(ratio, 2):>6}"]
 
 
 def _number(value: float, decimals: int) -> str:

@@ -6,6 +6,7 @@ Motion capture, where the scenario has it, is a NatNet server on this computer.
 """
 
 import contextlib
+import functools
 import math
 import os
 import select
@@ -21,21 +22,21 @@ from typing import Self
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.messages import Bearings, FloatArray, Health, IntArray, Message, Truth
+from host.messages import Bearings, FloatArray, IntArray, Truth
 from host.simulation.devices.board import BoardKind
 from host.simulation.devices.catalogue import Emulator
 from host.simulation.devices.live_cameras import LiveCameras
 from host.simulation.devices.natnet_server import NatNetServer
+from host.simulation.live_bearings import CAMERA, LiveCamera
 from host.simulation.offline import Simulation
 from host.simulation.pictures.render import Surroundings
 from host.simulation.world.arena import ARENA_STEP_S, Contact
 from host.simulation.world.scenarios import Scenario
 
 PUMP_S = 0.002  # more would make every message look later than it is
-HEALTH_S = 1.0
 _STANDSTILL_S = 1.0  # without a turn of the pump: the process was suspended, or starved
 MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days
-LIDAR, BOARD, CAMERA = "lidar", "board", "camera"
+LIDAR, BOARD = "lidar", "board"
 
 Interval = tuple[float, float]
 
@@ -99,11 +100,11 @@ class Terminal:
 class LiveSimulation:
     """A scenario that runs by the clock, with the devices of its robot plugged in and out.
 
-    unplugged: by "lidar" or "board", the intervals (s since the start) without it. Times of
-    messages and of `truth` are the host's, by `clock` (s). config: the caller's, with the simulated
-    devices in place of the real ones. As a context manager it runs from
-    entry to exit, where it raises UserError if the board's program crashed. driven: the robot obeys
-    its board, and so the host; else it follows its scripted path.
+    unplugged: by "lidar", "board" or "camera" (both), the intervals (s since the start) without it.
+    Times of messages and of `truth` are the host's, by `clock` (s). config: the caller's, with the
+    simulated devices in place of the real ones. As a context manager it runs from entry to exit,
+    where it raises UserError if the board's program crashed. driven: the robot obeys its board, and
+    so the host; else it follows its scripted path.
     """
 
     def __init__(
@@ -118,11 +119,11 @@ class LiveSimulation:
         self._simulation = Simulation(scenario, config, board, driven=driven)
         self._driven = driven
         self._unplugged = unplugged or {}
-        unknown = set(self._unplugged) - {LIDAR, BOARD}
+        unknown = set(self._unplugged) - {LIDAR, BOARD, CAMERA}
         if unknown:
             raise UserError(
                 f"cannot unplug {min(unknown)!r}",
-                f"known: {LIDAR}, {BOARD}",
+                f"known: {LIDAR}, {BOARD}, {CAMERA}",
                 "write it as in --unplug lidar=2-4",
             )
         self.clock = clock
@@ -146,7 +147,10 @@ class LiveSimulation:
         self._pictures: LiveCameras | None = None
         if scenario.rendered:
             nominal, true = self.config.camera, self._simulation.built.camera
-            self._pictures = LiveCameras(folder, scenario, nominal, true, self._surroundings, clock)
+            absent = functools.partial(self.absent, CAMERA)
+            self._pictures = LiveCameras(
+                folder, scenario, nominal, true, self._surroundings, clock, absent
+            )
             self.config = self.config.model_copy(update={"camera": self._pictures.camera})
         self._running = contextlib.ExitStack()
         self._mocap: NatNetServer | None = None
@@ -257,9 +261,14 @@ class LiveSimulation:
         if self._pictures is not None:
             self._pictures.stand_still(seconds)
 
+    def absent(self, name: str, time: float) -> bool:
+        """Whether a device is unplugged at `time` (host, s)."""
+        now = time - self._start
+        return any(start <= now < end for start, end in self._unplugged.get(name, ()))
+
     def _plug(self, now: float) -> None:
         for name, (terminal, device) in self._ports.items():
-            absent = any(start <= now < end for start, end in self._unplugged.get(name, ()))
+            absent = self.absent(name, self._start + now)
             if absent and terminal.plugged:
                 terminal.unplug()
             elif not absent and not terminal.plugged:
@@ -272,24 +281,3 @@ def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
     lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR])})
     board = config.board.model_copy(update={"port": str(ports[BOARD])})
     return config.model_copy(update={"lidar": lidar, "board": board})
-
-
-class LiveCamera:
-    """The cameras of a running simulation, as a device: `run` it in a thread of its own."""
-
-    def __init__(self, simulation: LiveSimulation) -> None:
-        self._simulation = simulation
-
-    def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Bearings when they arrive, and Health once a second, until `stop` is set."""
-        frame = 0
-        next_health = 0.0
-        while not stop.is_set():
-            arrival = self._simulation.arrival(frame)
-            if stop.wait(max(0.0, arrival - self._simulation.clock())):
-                return
-            emit(self._simulation.bearings(frame))
-            frame += 1
-            if arrival >= next_health:
-                next_health = arrival + HEALTH_S
-                emit(Health(arrival, CAMERA, True, "simulated", {"frames": frame}))

@@ -55,7 +55,7 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
     assert wheels.left_radius_m == pytest.approx(TRUE.wheels.left_radius_m, rel=0.005)
     assert wheels.right_radius_m == pytest.approx(TRUE.wheels.right_radius_m, rel=0.005)
     assert wheels.track_m == pytest.approx(TRUE.wheels.track_m, rel=0.01)
-    assert json.loads(figures.read_text())["passed"] is True
+    assert json.loads(figures.read_text())["result"]["passed"] is True
     assert "<svg" in (tmp_path / "wheels.html").read_text()
 
     result = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
@@ -89,7 +89,8 @@ def test_a_recording_is_scored_by_its_motion_capture(drive: Path, tmp_path: Path
     before = tmp_path / "before.json"
     assert run("evaluate", drive, "--filters", "phd", "--json", before).exit_code == 0
     good, bad = (
-        min(row["gospa_m"] for row in json.loads(path.read_text())) for path in (true, before)
+        min(row["gospa_m"] for row in json.loads(path.read_text())["rows"])
+        for path in (true, before)
     )
     assert good < 0.6 * bad
 
@@ -101,7 +102,7 @@ def test_a_fit_that_fails_is_not_written_unless_accepted(robot: Path, tmp_path: 
     assert result.exit_code == 1
     assert "the wheels calibration is refused; nothing is written" in result.output
     assert robot.read_text() == EXAMPLE.read_text()
-    told = json.loads(figures.read_text())
+    told = json.loads(figures.read_text())["result"]
     assert told["passed"] is False
     assert told["failures"]
     assert (tmp_path / "wheels.html").exists()
@@ -212,7 +213,7 @@ def test_recorded_runs_fit_and_are_scored_on_others(
         "wheels", f"optiodom:{runs / 'free'}", *options, "--json", figures, folder=tmp_path
     )
     assert result.exit_code == 0, result.output
-    told = json.loads(figures.read_text())["tests"]
+    told = json.loads(figures.read_text())["result"]["tests"]
     assert [test["source"] for test in told] == tests
     for test in told:
         assert test["fitted_end_error_m"] <= 0.55 * test["nominal_end_error_m"]

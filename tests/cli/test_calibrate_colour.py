@@ -62,7 +62,7 @@ def test_prints_lines_for_robot_toml_and_draws_what_it_finds(picture: Path, tmp_
     )
     strip = config.parse_config(toml).camera.strip
     assert "1 strip; drawn in" in result.output
-    told = json.loads(figures.read_text())
+    told = json.loads(figures.read_text())["result"]
     assert told["strip"] == tomllib.loads(toml)["camera"]["strip"]
     assert told["passed"]
     assert told["strip"]["saturation_min"] == strip.saturation_min

@@ -112,7 +112,7 @@ def test_replaying_twice_gives_the_same_bits_and_figures(recording, tmp_path):
         done = invoke("replay", recording, "--json", tmp_path / name)
         assert done.exit_code == 0, done.output
         assert "none in the recording" in done.output
-        figures.append(json.loads((tmp_path / name).read_text()))
+        figures.append(json.loads((tmp_path / name).read_text())["result"])
     for key in ("updates", "teammates_reported", "gospa_m", "missed", "false", "rmse_m"):
         assert figures[0][key] == figures[1][key]
     assert figures[0]["updates"] > 100
@@ -191,7 +191,7 @@ def test_evaluate_gives_a_row_of_each_and_pools_the_seeds(tmp_path, recording):
     sources = ("arena4:seconds=7,seed=1", SCENARIO, str(recording))
     done = invoke("evaluate", *sources, "--filters", "perera2021,phd,clairvoyant", "--json", path)
     assert done.exit_code == 0, done.output
-    rows = json.loads(path.read_text())
+    rows = json.loads(path.read_text())["rows"]
     assert all(list(row) == KEYS for row in rows)
     assert [row["source"] for row in rows] == [
         source for source in (*sources, "arena4 x2") for _ in range(6)
@@ -225,7 +225,7 @@ def test_cameras_alone_are_scored_simulated_and_replayed(tmp_path, recording):
     rows_path, figures_path = tmp_path / "rows.json", tmp_path / "figures.json"
     asked = ("--filters", "pmb", "--sensors", "camera,lidar", "--json", rows_path)
     assert invoke("evaluate", recording, *asked).exit_code == 0
-    by_sensors = {row["sensors"]: row for row in json.loads(rows_path.read_text())}
+    by_sensors = {row["sensors"]: row for row in json.loads(rows_path.read_text())["rows"]}
     assert by_sensors["lidar"]["rmse_m"] < by_sensors["camera"]["rmse_m"] < 0.25
     path = tmp_path / "seen.swarmloc"
     assert invoke("simulate", SCENARIO, "--sensors", "camera", "--output", path).exit_code == 0
@@ -237,8 +237,12 @@ def test_cameras_alone_are_scored_simulated_and_replayed(tmp_path, recording):
     assert done.exit_code == 0, done.output
     of_both = invoke("replay", recording, "--sensors", "camera", "--json", tmp_path / "both.json")
     assert of_both.exit_code == 0
-    replayed = json.loads(figures_path.read_text())
-    assert replayed["updates"] == json.loads((tmp_path / "both.json").read_text())["updates"] > 60
+    replayed = json.loads(figures_path.read_text())["result"]
+    assert (
+        replayed["updates"]
+        == json.loads((tmp_path / "both.json").read_text())["result"]["updates"]
+        > 60
+    )
 
 
 def test_what_cannot_be_scored_is_told_in_words(tmp_path, recording):

@@ -44,7 +44,7 @@ def test_build_only_prints_where_the_elf_is_and_what_it_takes(tmp_path: Path) ->
     path = tmp_path / "figures.json"
     done = invoke("--build-only", "--json", path)
     assert (done.exit_code, done.stderr) == (0, "")
-    figures = json.loads(path.read_text("utf-8"))
+    figures = json.loads(path.read_text("utf-8"))["result"]
     assert Path(figures["elf"]).read_bytes().startswith(b"\x7fELF")
     assert f"  ELF    {figures['elf']}\n" in done.output
     for word, name, whole in (("flash", "flash", 28672), ("RAM", "ram", 2560)):
@@ -68,7 +68,7 @@ def test_a_board_is_flashed_with_a_line_for_each_step(
         done = invoke("--port", machine.sketch.path, "--json", path)
     assert done.exit_code == 0, done.output
     assert done.output.splitlines()[-1] == f"done: the board runs {in_words(built)}"
-    figures = json.loads(path.read_text("utf-8"))
+    figures = json.loads(path.read_text("utf-8"))["result"]
     assert figures["port"] == str(machine.sketch.path)
     assert figures["version"] == version(built)
     assert figures["protocol_hash"] == f"{PROTOCOL_HASH:08x}"

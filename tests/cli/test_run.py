@@ -99,7 +99,7 @@ def test_a_lidar_pulled_out_comes_back(tmp_path):
     assert process.wait(LONG_S) == 0, lines
     assert not wanted, lines
     assert "Summary\n" in lines
-    figures = json.loads(figures_path.read_text())
+    figures = json.loads(figures_path.read_text())["result"]
     # More where a busy computer starves the simulated lidar for a second: silence, to its driver.
     assert figures["devices"]["lidar"]["counts"]["connections"] >= 2
     assert figures["updates"] > 0
@@ -235,7 +235,7 @@ def test_it_ends_after_the_seconds_that_the_scenario_sets(tmp_path: Path):
     figures_path = tmp_path / "figures.json"
     done = invoke("--simulate", "arena4:seconds=2", "--json", str(figures_path))
     assert done.exit_code == 0, done.output
-    assert json.loads(figures_path.read_text())["seconds"] >= 2.0
+    assert json.loads(figures_path.read_text())["result"]["seconds"] >= 2.0
 
 
 @pytest.mark.parametrize("sensors", ["lidar+camera", "camera"])
@@ -252,7 +252,7 @@ def test_cameras_alone_find_teammates(tmp_path: Path):
         *("--json", str(figures_path), "--record", str(recording)),
     )
     assert done.exit_code == 0, done.output
-    figures = json.loads(figures_path.read_text())
+    figures = json.loads(figures_path.read_text())["result"]
     assert "lidar" not in figures["devices"]
     assert figures["teammates_reported"] > 0.5
     assert Recording(recording).header.sensors == "camera"
@@ -265,6 +265,8 @@ def test_bad_use_is_told_with_exit_code_2():
         ("--simulate", "arena4", "--unplug", "lidar=3-2"),
         ("--simulate", "arena4", "--unplug", "lidar=x-2"),
         ("--simulate", "arena4", "--seconds", "-1"),
+        ("--simulate", "arena4", "--seconds", "nan"),
+        ("--simulate", "arena4", "--seconds", "inf"),
         ("--filter", "magic"),
     ):
         done = invoke(*arguments)
@@ -278,6 +280,7 @@ def test_failures_are_told_with_exit_code_1(tmp_path: Path):
         (("--simulate", "atlantis"), "no scenario is called 'atlantis'\nknown: arena4"),
         (("--simulate", "arena4", "--unplug", "fish=1-2"), "cannot unplug 'fish'"),
         (("--simulate", "arena4", "--record", str(tmp_path / "there")), "exists already"),
+        (("--simulate", "arena4", "--json", str(tmp_path / "no" / "x")), "there is no folder"),
         (("--robot", str(tmp_path / "none.toml")), "cannot read the configuration"),
     ):
         done = invoke(*arguments)

@@ -52,7 +52,7 @@ def test_the_export_gives_the_geometry_that_its_authors_synchronised_gives(
     assert re.search(r"its 0 s is at 308\.\d+ s .* ± \d\.\d ms", result.output)
     assert "lidar: left out" in result.output
     assert "camera: left out, " in result.output
-    (mine,) = json.loads(figures.read_text())
+    (mine,) = json.loads(figures.read_text())["rows"]
     (theirs,) = calibrate_drives([drive_of_run(nominal)], nominal.wheels, Mocap()).fitted[:1]
     written = load_config(robot)
     assert written.wheels.left_radius_m == pytest.approx(mine["fitted"][0]["value"], rel=1e-5)
@@ -98,6 +98,6 @@ def test_evaluate_scores_by_a_file_as_by_the_motion_capture_that_it_was_written_
             "evaluate", *arguments, "--filters", "pmb", "--sensors", "lidar", "--json", figures
         )
         assert result.exit_code == 0, result.output
-        scored.append(json.loads(figures.read_text())[0]["gospa_m"])
+        scored.append(json.loads(figures.read_text())["rows"][0]["gospa_m"])
     assert scored[1] == pytest.approx(scored[0], abs=0.005)
     assert run("evaluate", bare).exit_code == 1

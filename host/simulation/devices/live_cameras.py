@@ -57,7 +57,7 @@ class LiveCameras:
 
     surroundings(time): what is around the robot at `time`, s since the start. folder: where the
     pipes are made. known: the cameras as the host knows them, which with the pipes for sources is
-    `camera`; true: as they are.
+    `camera`; true: as they are. absent(time): are both unplugged then (host, s)?
     """
 
     def __init__(
@@ -68,7 +68,9 @@ class LiveCameras:
         true: Cameras,
         surroundings: Callable[[float], Surroundings],
         clock: Callable[[], float],
+        absent: Callable[[float], bool] = lambda now: False,
     ) -> None:
+        self._absent = absent
         self._scenario = scenario
         self._surroundings = surroundings
         self._clock = clock
@@ -118,6 +120,11 @@ class LiveCameras:
             late = self._clock() - self._start - delay
             number = max(number + 1, math.ceil(late / period))
             arrival = self._start + number * period + delay
+            if self._absent(arrival):
+                pipe.close()  # whoever reads comes to its end, as of a device that is gone
+                if self._stop.wait(period):
+                    return
+                continue
             jpeg = b""
             if pipe.listening():
                 jpeg = renderer.render(self._surroundings(number * period), number)

@@ -1,0 +1,103 @@
+"""What the commands share: one envelope, written before a screen that may be gone."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from host.cli import options
+from host.cli.main import main
+from host.messages import Bearings, Health
+from host.simulation.live_bearings import LiveCamera
+
+
+@pytest.mark.parametrize(("content", "kind"), [([{"a": 1}], "rows"), ({"a": 1}, "result")])
+def test_figures_of_every_command_stand_in_one_envelope(tmp_path: Path, content, kind) -> None:
+    path = tmp_path / "figures.json"
+
+    @click.group()
+    def program() -> None: ...
+
+    @program.command()
+    def measure() -> None:
+        options.write_json(path, content)
+
+    assert CliRunner().invoke(program, ["measure"]).exit_code == 0
+    assert json.loads(path.read_text()) == {
+        "schema": "swarmloc.figures",
+        "version": 1,
+        "command": "measure",
+        kind: content,
+    }
+
+
+def test_figures_are_written_where_the_terminal_is_gone(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    master, terminal = pty.openpty()
+    choice = ("--filters", "pmb", "--sensors", "lidar")
+    work = "from host.cli.main import main; main()"
+    program = subprocess.Popen(
+        [sys.executable, "-c", work, "evaluate", "arena4:seconds=12", *choice, "--json", str(path)],
+        stdin=subprocess.DEVNULL,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,  # it has no terminal to be hung up by, only its screen
+    )
+    os.close(terminal)
+    os.read(master, 1)
+    os.close(master)
+    program.wait(timeout=120.0)
+    content = json.loads(path.read_text())
+    assert content["command"] == "evaluate"
+    assert content["rows"][0]["filter"] == "pmb"
+
+
+def test_where_figures_cannot_be_written_no_work_is_done(tmp_path: Path) -> None:
+    for command in (["evaluate", "arena4"], ["simulate", "arena4", "--output", "x.mcap"]):
+        done = CliRunner().invoke(main, [*command, "--json", str(tmp_path / "no" / "x.json")])
+        assert done.exit_code == 1
+        assert "there is no folder" in done.output
+
+
+class Simulation:
+    """Frames every 10 ms; the camera is unplugged from 0.5 to 1.5 s."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def clock(self) -> float:
+        self.now += 0.01
+        return self.now
+
+    def arrival(self, frame: int) -> float:
+        return 0.01 * frame
+
+    def bearings(self, frame: int) -> Bearings:
+        return Bearings(0.01 * frame, np.zeros(0), np.zeros(0), camera="front")
+
+    def absent(self, name: str, time: float) -> bool:
+        return name == "camera" and 0.5 <= time < 1.5
+
+
+def test_an_unplugged_camera_shows_nothing_and_says_so() -> None:
+    taken: list[object] = []
+    stop = threading.Event()
+
+    def emit(message) -> None:
+        taken.append(message)
+        if message.time >= 2.5:
+            stop.set()
+
+    LiveCamera(Simulation()).run(emit, stop)
+    seen = [m.time for m in taken if isinstance(m, Bearings)]
+    assert not [time for time in seen if 0.5 <= time < 1.5]
+    assert len(seen) > 100
+    assert [m.ok for m in taken if isinstance(m, Health)] == [True, False, True]
