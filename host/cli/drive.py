@@ -139,7 +139,7 @@ Example:
 @simulate_option
 @click.option(
     "--seconds",
-    type=click.FloatRange(1.0),
+    type=options.Seconds(1.0),
     default=180.0,
     show_default=True,
     help="End after so long, whatever is missing.",
