@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tools.bring_up import command, simulated
+
 ROOT = Path(__file__).resolve().parents[2]
 BRINGUP = ROOT / "tools/bringup"
 ANSWERS = """\
@@ -143,7 +145,7 @@ def test_a_dry_run_prints_every_step_and_does_nothing(computer: Computer) -> Non
     code, results, said = computer.bring_up("--dry-run")
     assert code == 0
     assert len(results) == 7
-    for command in (
+    for words in (
         "apt-get install -y",
         "-m venv",
         "-m pip install",
@@ -153,7 +155,7 @@ def test_a_dry_run_prints_every_step_and_does_nothing(computer: Computer) -> Non
         "swarmloc doctor",
         "swarmloc.service",
     ):
-        assert command in said
+        assert words in said
     assert computer.files() == {}
     assert "apt-get" not in computer.calls.read_text()
 
@@ -213,3 +215,41 @@ def test_systemd_takes_the_unit(computer: Computer) -> None:
             capture_output=True, text=True, check=False,
         )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
+
+
+SERVICE = """\
+import os, socket, sys, time
+manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+manager.connect(os.environ["NOTIFY_SOCKET"])
+manager.send(b"WATCHDOG=1\\nSTATUS=lidar: starting")
+if sys.argv[3] == "dies":
+    sys.exit(3)
+manager.send(b"WATCHDOG=1\\nSTATUS=healthy: 7 updates/s\\nREADY=1")
+time.sleep(60.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("scenario", "code", "says"),
+    [("arena4", 0, "the service is healthy: 7 updates/s"), ("dies", 1, "the service ended with 3")],
+)
+def test_a_simulated_service_is_waited_for(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    scenario: str,
+    code: int,
+    says: str,
+) -> None:
+    program = tmp_path / ".venv/bin/swarmloc"
+    program.parent.mkdir(parents=True)
+    program.write_text(f"#!{sys.executable}\n{SERVICE}")
+    program.chmod(0o755)
+    setup = tmp_path / "tools/setup"
+    setup.parent.mkdir()
+    setup.write_text("#!/bin/sh\n")
+    setup.chmod(0o755)
+    monkeypatch.setattr(simulated, "SOURCE", tmp_path)
+    assert command.main(["--simulate", scenario, "--seconds", "0.2"]) == code
+    out, err = capfd.readouterr()
+    assert says in out + err
