@@ -15,14 +15,17 @@ _CLOSE_S = 1.5  # to write what is left
 
 
 class BackgroundRecorder:
-    """Writes with `recorder` in a thread of its own. A failure is raised by the next `write`."""
+    """Writes with `recorder` in a thread of its own. A failure is raised by the next `write`.
+
+    A recording that was given up has no end, so that its readers say so.
+    """
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
         self._messages: deque[Message] = deque()
         self._news = threading.Condition()
         self._closed = False
-        self._failure: UserError | None = None
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
         self._thread.start()
 
@@ -50,9 +53,13 @@ class BackgroundRecorder:
         try:
             while (message := self._next()) is not None:
                 self._recorder.write(message)
-            self._recorder.close()
-        except UserError as error:
+            if self._failure is None:
+                self._recorder.close()
+        except Exception as error:
+            # Raised again by the next `write`, in a thread that can report it.
             self._failure = error
+        finally:
+            self._recorder.abandon()
 
     def _next(self) -> Message | None:
         """The next message, waited for; None after the last, or where it was given up."""

@@ -144,6 +144,11 @@ class Recorder:
         finally:
             self._file.close()
 
+    def abandon(self) -> None:
+        """Leave the recording as it is, without its end; nothing where it has ended."""
+        self._closed = True
+        self._file.close()
+
     def __enter__(self) -> Self:
         return self
 
@@ -153,7 +158,10 @@ class Recorder:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        if error is None:
+            self.close()
+        else:
+            self.abandon()
 
 
 def _device(message: Message) -> str:

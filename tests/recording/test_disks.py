@@ -1,6 +1,7 @@
 """Disks that are full, read-only or slow: the recording ends, in words, and nobody waits for it."""
 
 import os
+import struct
 import subprocess
 import threading
 import time
@@ -81,6 +82,32 @@ def test_a_disk_that_hangs_delays_nobody(tmp_path, monkeypatch):
         write_scans(recorder)
     recorder.close()  # known already, so it is not raised again
     hanging.set()
+
+
+def test_what_cannot_be_written_is_said_and_leaves_no_end(tmp_path):
+    recorder = BackgroundRecorder(Recorder(tmp_path / "a.mcap", HEADER))
+    recorder.write(Health(0.0, "lidar", True, "", {"points": 1}))
+    recorder.write(Health(1.0, "lidar", True, "", {"points": 1 << 70}))
+    with pytest.raises(struct.error):
+        write_scans(recorder)
+    recorder.close()
+    recording = Recording(tmp_path / "a.mcap")
+    assert [message.time for message in recording.messages()] == [0.0]
+    assert "unfinished" in recording.remarks[0]
+
+
+def test_who_is_interrupted_writes_no_end(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(tmp_path / "a.mcap")
+    recording = Recording(tmp_path / "a.mcap")
+    assert len(list(recording.messages())) == 1
+    assert "unfinished" in recording.remarks[0]
+
+
+def interrupted(path):
+    with Recorder(path, HEADER) as recorder:
+        recorder.write(a_scan(0))
+        raise KeyboardInterrupt
 
 
 class Scans:
