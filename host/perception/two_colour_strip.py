@@ -26,7 +26,7 @@ _BESIDE = 0.6  # of the strip's width from its middle: no more of it, but the ba
 _APART = 0.35  # most of a strip's width between the middles of its halves
 _SAME = 0.4  # of a strip's size between two middles: less is one strip
 _BEYOND = 1.3  # times the reach: what a size may say of the distance
-_LEAST_RATIO, _MOST_RATIO = 0.5, 1.5  # of the distances that area and filter say
+_LEAST_RATIO, _MOST_RATIO = 0.5, 1.6  # of the distances that area and filter say
 
 
 class TwoColourSearch:
