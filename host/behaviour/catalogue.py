@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from host.behaviour.formations import Circle
 from host.behaviour.interface import Behaviour
 from host.behaviour.survey import Survey
 from host.behaviour.walk import RandomWalk
@@ -17,6 +18,7 @@ class BehaviourEntry:
     make: Callable[[RobotConfig, int], Behaviour]
 
 
+BEHAVIOURS.register("circle", BehaviourEntry(lambda robot, seed: Circle()))
 BEHAVIOURS.register("survey", BehaviourEntry(lambda robot, seed: Survey(seed)))
 BEHAVIOURS.register("walk", BehaviourEntry(lambda robot, seed: RandomWalk(seed)))
 

@@ -90,6 +90,11 @@ SCENARIOS.register(
     "furnished6",
     Scenario(name="furnished6", robots=6, posts=0, side_m=6.0, chairs=6, tables=2, boxes=4),
 )
+# In closed loop: who sees whom where decides where everybody drives.
+SCENARIOS.register(
+    "formation6",
+    Scenario(name="formation6", robots=6, posts=0, side_m=4.0, stacks="all", behaviour="circle"),
+)
 # To be calibrated: wheels, lidar and cameras are off, and late by 150 ms more than is known.
 SCENARIOS.register(
     "misbuilt4",
