@@ -83,6 +83,21 @@ def place(scan: Scan, lidar: Lidar, path: Path) -> tuple[FloatArray, BoolArray]:
     return path.carry(to_parent(beams, mounting), scan.times, scan.time), returned
 
 
+def strays(ranges: FloatArray, returned: BoolArray, diameter: float) -> BoolArray:
+    """Which returns (n,) stand alone before or behind a surface that goes on at both sides.
+
+    Light of another lidar, dust: each is like none of the two samples at either side, of which one
+    on the left and one on the right are alike.
+    """
+    reach = np.where(returned, ranges, math.inf)
+    left, right = (np.stack([np.roll(reach, k * side) for k in (1, 2)]) for side in (1, -1))
+    step = STEP * diameter
+    with np.errstate(invalid="ignore"):  # inf - inf of two nulls is alike to none
+        like = np.any(np.abs(np.concatenate((left, right)) - reach) <= step, axis=0)
+        goes_on = np.any(np.abs(left[:, None] - right) <= step, axis=(0, 1))
+    return np.asarray(returned & ~like & goes_on)
+
+
 def returns(scan: Scan, points: FloatArray, returned: BoolArray, diameter: float) -> Returns:
     """The returns among the samples' `points` (n, 2), and where a new surface begins."""
     sample = np.flatnonzero(returned)

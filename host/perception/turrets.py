@@ -15,7 +15,14 @@ from host.geometry import SECTORS, Path, sector
 from host.messages import BoolArray, FloatArray, Positions, Scan
 from host.perception.turret_fit import fit_circles, members
 from host.perception.turret_score import LEAST_SCORE, scores
-from host.perception.turret_segments import Returns, Segments, place, returns, small_segments
+from host.perception.turret_segments import (
+    Returns,
+    Segments,
+    place,
+    returns,
+    small_segments,
+    strays,
+)
 
 _FEWEST = 3  # returns: fewer show nothing
 
@@ -27,6 +34,7 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     furniture; `lags` say when in the revolution each was seen.
     """
     points, returned = place(scan, lidar, path)
+    returned &= ~strays(scan.ranges, returned, lidar.target_diameter_m)
     clearance = clearance_profile(points, returned)
     if np.count_nonzero(returned) < _FEWEST:
         none = np.zeros(0)

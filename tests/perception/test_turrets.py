@@ -13,7 +13,7 @@ from host.drivers.x4.packets import UNIT_RAD, UNITS_PER_REVOLUTION, encode_revol
 from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import SECTORS, Path
 from host.messages import Positions, Scan
-from host.perception import turrets
+from host.perception import turret_segments, turrets
 from host.simulation.world.raycast import x4_beams
 from tests.perception.scene import (
     SAMPLE_RATE_HZ,
@@ -315,3 +315,33 @@ def test_clearance_is_range_infinity_or_zero() -> None:
             assert 2.0 / math.cos(edge) - 1e-3 < clear <= 2.0 / math.cos(bearing)
         elif abs(bearing) < math.atan(0.1) - 2.0 * sector:
             assert clear == pytest.approx(0.5, abs=0.003)
+
+
+def test_a_return_alone_before_a_wall_is_a_stray_and_two_are_none() -> None:
+    wall = np.full(40, 2.0)
+    for alone, others, stray in (
+        ((10,), (), True),
+        ((10, 13), (), True),
+        ((10, 11), (), False),  # as a turret far away gives them
+        ((0,), (), True),  # the scan goes round
+        ((10,), range(11, 40), False),  # the wall ends there: nothing goes on behind
+    ):
+        ranges = wall.copy()
+        ranges[list(others)] = 0.0
+        ranges[list(alone)] = 1.0
+        found = turret_segments.strays(ranges, ranges > 0.0, 0.065)
+        assert np.flatnonzero(found).tolist() == (list(alone) if stray else [])
+
+
+def test_strays_are_those_of_a_plain_loop() -> None:
+    random, step = np.random.default_rng(5), turret_segments.STEP * 0.065
+    for _ in range(20):
+        ranges = random.choice([0.0, 1.0, 1.02, 2.0, 2.03, 3.0], 60)
+        expected = []
+        for k, reach in enumerate(ranges):
+            near = {side: [ranges[(k + side * n) % 60] for n in (1, 2)] for side in (-1, 1)}
+            near = {side: [r for r in both if r > 0.0] for side, both in near.items()}
+            like = any(abs(r - reach) <= step for both in near.values() for r in both)
+            goes_on = any(abs(a - b) <= step for a in near[-1] for b in near[1])
+            expected.append(reach > 0.0 and not like and goes_on)
+        assert turret_segments.strays(ranges, ranges > 0.0, 0.065).tolist() == expected
