@@ -62,9 +62,9 @@ def square(
             errors[left].append(_once(rig, side_m, left, signalled))
     found = umbmark(as_rows(errors[False]), as_rows(errors[True]), side_m, robot.wheels.track_m)
     content = _figures(found, robot)
+    options.write_json(json_path, content)
     click.echo(_as_table(errors))
     click.echo(options.listing(content))
-    options.write_json(json_path, content)
 
 
 def _once(rig: Rig, side_m: float, left: bool, stopped: Callable[[], bool]) -> FloatArray:

@@ -55,9 +55,11 @@ def align(
     """The rigid motion that takes points (n, 2) m to their partners (n, 2) with least squares.
 
     weights (n,): inverse variances up to a common factor; a pair of weight 0 is no inlier. Raises
-    UserError for fewer than three pairs, and where the points all lie in one place.
+    UserError for fewer than three pairs, and where the points all lie in one place; ValueError for
+    arrays of other shapes, numbers that are not finite, and negative weights.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    _check_numbers(from_points, to_points, weights)
     used = weights > 0.0
     _check_count(int(np.count_nonzero(used)))
     share = weights / weights.sum()
@@ -85,6 +87,23 @@ def align(
         inliers=used,
         rms=float(np.sqrt(np.mean(np.sum(errors[used] ** 2, axis=1)))),
     )
+
+
+def _check_numbers(from_points: FloatArray, to_points: FloatArray, weights: FloatArray) -> None:
+    """Raise ValueError, in words, for what cannot be points and weights."""
+    shapes = [np.shape(array) for array in (from_points, to_points, weights)]
+    count = shapes[0][0] if shapes[0] else 0
+    if shapes != [(count, 2), (count, 2), (count,)] or not count:
+        raise ValueError(
+            "points and their partners are two arrays (n, 2), weights one (n,), with n of 1 at "
+            f"least: these are {', '.join(map(str, shapes))}"
+        )
+    for name, array in (("points", from_points), ("partners", to_points), ("weights", weights)):
+        wrong = ~np.isfinite(array) if name != "weights" else ~(np.isfinite(array) & (array >= 0))
+        if wrong.any():
+            where = int(np.flatnonzero(wrong.reshape(count, -1).any(axis=1))[0])
+            bound = ", 0 or more," if name == "weights" else ""
+            raise ValueError(f"{name} are finite{bound} but row {where} is {array[where]}")
 
 
 def _check_count(pairs: int) -> None:
@@ -129,6 +148,7 @@ def align_robustly(
     `error_m` at most. Raises UserError as `align` does, and where no three pairs agree.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    _check_numbers(from_points, to_points, weights)
     pose = _consensus(from_points, to_points, error_m) if start is None else start
     errors = np.hypot(*(to_parent(from_points, pose) - to_points).T)
     inliers = errors <= error_m

@@ -133,8 +133,30 @@ def test_too_few_pairs_are_refused() -> None:
         align(points, points)
     with pytest.raises(UserError, match="too few points"):
         align_robustly(points, points, 0.1)
-    with pytest.raises(UserError, match="too few points"):
-        align(np.zeros((0, 2)), np.zeros((0, 2)))
+
+
+SOUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "weights", "words"),
+    [
+        (np.zeros((0, 2)), np.zeros((0, 2)), None, r"n of 1 at least: these are \(0, 2\)"),
+        (SOUND, SOUND[:3], None, r"\(4, 2\), \(3, 2\)"),
+        (SOUND.T, SOUND.T, None, r"\(2, 4\)"),
+        (SOUND * [[1.0], [math.nan], [1.0], [1.0]], SOUND, None, "points are finite but row 1"),
+        (SOUND, SOUND * [[1.0], [1.0], [1.0], [math.inf]], None, "partners are finite but row 3"),
+        (SOUND, SOUND, np.array([1.0, 1.0, -1.0, 1.0]), "weights are finite, 0 or more, but row 2"),
+        (SOUND, SOUND, np.array([math.nan, 1.0, 1.0, 1.0]), "weights are .* but row 0 is nan"),
+    ],
+)
+def test_what_can_be_no_points_and_weights_is_refused_in_words(
+    source: FloatArray, target: FloatArray, weights: FloatArray | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        align(source, target, weights)
+    with pytest.raises(ValueError, match=words):
+        align_robustly(source, target, 0.1, weights)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, -7.0)])
