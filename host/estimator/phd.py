@@ -10,6 +10,8 @@ it. The steps: predict; for each set of readings detection, association, update,
 report.
 """
 
+import math
+
 import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
@@ -41,12 +43,14 @@ from host.estimator.kinds import (
     existence,
     rows_of,
 )
+from host.estimator.learnt_lidar import LearntLidar
 from host.estimator.reduction import groups_by_reading, merge, pass_on_labels
-from host.estimator.sensor_models import CameraModel, LidarModel, surroundings, survival
+from host.estimator.sensor_models import CameraModel, surroundings, survival
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
 _DOUBTED = 0.15  # below this share a reported teammate is one no longer
+_LONGEST_S = 1.0  # without a scan, of which more says nothing
 _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 _STANDING = 0.5  # share of the time in which a teammate does not move
 # Successive pictures show the same scene: what they say of a kind counts as so much of independent
@@ -65,13 +69,13 @@ class PhdFilter:
         camera: Cameras | None = None,
     ) -> None:
         self._settings = settings or FilterSettings()
-        self._lidar = LidarModel(lidar or Lidar())
+        self._lidar = self.learnt = LearntLidar(lidar or Lidar())
         camera = camera or Cameras()
         self._camera = CameraModel(camera)
         self._use_ranges, self._camera_reach_m = camera.use_ranges, camera.max_range_m
         self._width = (lidar or Lidar()).target_diameter_m
         self._state = np.zeros((STATE, 0))
-        self._time = 0.0
+        self._time, self._scanned = 0.0, -math.inf
         self._next_label = 1
 
     def predict(self, motion: Displacement) -> None:
@@ -119,6 +123,7 @@ class PhdFilter:
         seen, likelihood = self._kalman_updates(measured, born, i, j)
         clutter = self._lidar.clutter / likeness(measured)
         mass = self._weigh(rows_of(seen), rows_of(born), detected.take(i) * likelihood, j, clutter)
+        self._learn(measured, detected, i, mass)
         # What was seen of a thing was not missed as well: it gives one reading a revolution.
         rows[WEIGHT] *= (1.0 - detected) * np.maximum(1.0 - np.bincount(i, mass, n), 0.0)
         state[PARENT] = np.arange(n)
@@ -126,6 +131,18 @@ class PhdFilter:
         self._state = merge(np.concatenate((state, seen, born), axis=1), group, settings)
         pass_on_labels(self._state, parents=n)
         self._confirm()
+
+    def _learn(
+        self, measured: Positions, detected: FloatArray, i: IntArray, mass: FloatArray
+    ) -> None:
+        """How the lidar does, by the components' P_D (n,) and the weights of the pairs (p,)."""
+        rows, elapsed = rows_of(self._state), min(measured.time - self._scanned, _LONGEST_S)
+        self._scanned = measured.time
+        found = np.asarray(np.bincount(i, mass, len(detected)), dtype=np.float64)
+        self._lidar.learn(rows[WEIGHT, TEAMMATE], detected, found, elapsed)
+        explained = mass * np.minimum(existence(rows), 1.0).take(i)
+        unexplained = len(measured.positions) - float(explained.sum())
+        self._lidar.learn_clutter(unexplained, measured.clearance, elapsed)
 
     def _lidar_detection(self, measured_clearance: FloatArray | None) -> FloatArray:
         """P_D (n,) of each component (Perera eq. 18)."""
