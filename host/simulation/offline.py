@@ -5,7 +5,7 @@ It follows a scripted path or, in closed loop, obeys its board, which obeys its 
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from host.drivers.x4.protocol import delayed
 from host.geometry import to_frame
 from host.messages import Bearings, Bodies, DeviceBytes, Message, Truth
 from host.simulation.devices.board import BoardKind, motion_of
-from host.simulation.devices.catalogue import board_entry, lidar_entry
+from host.simulation.devices.catalogue import board_entry, last_return, lidar_entry
 from host.simulation.devices.driven_wheels import DrivenWheels
 from host.simulation.pictures.render import Surroundings
 from host.simulation.pictures.searched_camera import SearchedCamera
@@ -124,9 +124,10 @@ class Simulation:
             self._encoders.forget(before)
         self.arena.forget(before)
 
-    def last_return(self) -> float:
-        """When anything last came back to the lidar, s."""
-        return self._decoder.last_return
+    @property
+    def last_return(self) -> Callable[[], float] | None:
+        """When anything last came back to the lidar, s; None: it cannot tell."""
+        return last_return(self._decoder)
 
     def command(self, speed_mps: float, turn_rate_radps: float) -> None:
         """What its host wants, as `Romeo.command`; in force until the next one."""

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, cast, runtime_checkable
+from typing import cast
 
 from host.config import RobotConfig
 from host.drivers.computer import COMPUTER, Computer
@@ -11,20 +11,13 @@ from host.drivers.natnet.client import MOCAP, NatNetClient
 from host.errors import UserError
 from host.messages import Truth
 from host.pipeline import Source
-from host.simulation.devices.catalogue import BoardDriver, board_entry, lidar_entry
+from host.simulation.devices.catalogue import BoardDriver, board_entry, last_return, lidar_entry
 from host.simulation.live import BOARD, LIDAR, Interval, LiveSimulation
 from host.simulation.world import scenarios
 from host.simulation.world.arena import Contact
 from host.sources.cameras import StripCamera, camera_sources
 from host.sources.ceiling import CeilingCamera
 from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, LIDAR_ONLY
-
-
-@runtime_checkable
-class Returning(Protocol):
-    """A lidar that tells when anything last came back to it, before its revolution is complete."""
-
-    last_return: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +46,7 @@ class Rig:
     @property
     def last_return(self) -> Callable[[], float] | None:
         """When anything last came back to the lidar, host time (s); None: it cannot tell."""
-        lidar = self.sources[LIDAR]
-        return (lambda: lidar.last_return) if isinstance(lidar, Returning) else None
+        return last_return(self.sources[LIDAR])
 
     @property
     def cameras(self) -> list[StripCamera]:

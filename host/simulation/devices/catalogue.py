@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from host.config import Lidar, Motors, RobotConfig
 from host.drivers.romeo.device import Romeo
@@ -33,12 +33,7 @@ class BoardDriver(Driver, Protocol):
 
 
 class LidarDecoder(Protocol):
-    """The lidar's bytes → scans, without a device: pure and incremental.
-
-    last_return: when anything last came back to it, host time, s.
-    """
-
-    last_return: float
+    """The lidar's bytes → scans, without a device: pure and incremental."""
 
     def feed(self, data: bytes, arrival: float, /) -> Sequence[Scan]:
         """Take bytes that arrived at host time `arrival` (s); return the completed scans."""
@@ -52,6 +47,21 @@ class Emulator(Protocol):
 
     def transmit(self, now: float, /) -> list[tuple[float, bytes]]:
         """Return what was sent up to `now` (s), with the time at which each part was complete."""
+
+
+@runtime_checkable
+class Returning(Protocol):
+    """A lidar's driver or decoder that tells before its revolution is complete that it sees.
+
+    last_return: when anything last came back to it, host time, s.
+    """
+
+    last_return: float
+
+
+def last_return(lidar: object) -> Callable[[], float] | None:
+    """When anything last came back to a driver or decoder, host time (s); None: it cannot tell."""
+    return (lambda: lidar.last_return) if isinstance(lidar, Returning) else None
 
 
 @dataclass(frozen=True, slots=True)
