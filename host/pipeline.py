@@ -19,7 +19,17 @@ from host.estimator.interface import Judge
 from host.localizer import Localizer
 from host.message_checks import fault
 from host.message_queue import MessageQueue
-from host.messages import Bearings, Displacement, Estimate, Health, Message, Positions, Scan, Truth
+from host.messages import (
+    Bearings,
+    DeviceBytes,
+    Displacement,
+    Estimate,
+    Health,
+    Message,
+    Positions,
+    Scan,
+    Truth,
+)
 
 _HEALTH_S = 1.0
 _NOW_S = 0.1  # between two looks at what is known now
@@ -184,7 +194,7 @@ class Pipeline:
         self._look()
 
     def _handle(self, message: Message) -> None:
-        self._counts["messages"] += 1
+        self._counts["messages"] += not isinstance(message, DeviceBytes)
         # What is malformed the localizer counts; it is neither recorded nor compared.
         if fault(message) is None:
             self._deliver(message)

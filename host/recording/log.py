@@ -224,8 +224,9 @@ class Recording:
             break
         raise UserError(
             f"{self.path} holds no recording of swarmloc",
-            "its first record is missing",
-            "the run ended at its start; or it is from elsewhere: swarmloc export reads ROS bags",
+            f"no record is in it on {TOPIC}",
+            "a run that was killed at its start left it; or it is another robot's: give it as "
+            f"bag:{self.path}",
         )
 
 

@@ -172,6 +172,12 @@ def test_a_robot_that_is_not_ours_is_localized_from_its_own_bag(bag, tmp_path):
     assert Recording(output).header.config.name == "a"
 
 
+def test_a_bag_that_is_given_as_a_recording_is_told_apart(bag):
+    if bag.is_dir() and (files := list(bag.glob("*.mcap"))):
+        with pytest.raises(UserError, match=f"(?s)no recording of swarmloc.*bag:{files[0]}"):
+            Recording(files[0])
+
+
 def test_what_is_not_in_a_bag_is_said(bag, tmp_path):
     for settings, words in (
         ("scan=/laser", "no topic /laser of sensor_msgs/msg/LaserScan"),
