@@ -147,8 +147,8 @@ class Calibration:
     kind: "wheels", "lidar", ... settings: further values for robot.toml by key (lists of tables
     as lists of dicts), beside those of `fitted` that have a key. residuals: in words, as "rms
     2.1 mm over 812 pairs, 71 % of them used". warnings: what to beware of though it may pass.
-    figures: more for --json. joint: keys (k,) of fitted rows with a key, and their covariance
-    (k, k), for the fits that come after.
+    figures: more for --json. unbounded: why rows without a largest sigma have none. joint: keys
+    (k,) of fitted rows with a key, and their covariance (k, k), for the fits that come after.
     """
 
     kind: str
@@ -159,6 +159,7 @@ class Calibration:
     warnings: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
+    unbounded: str = ""
     joint: tuple[tuple[str, ...], FloatArray] | None = None
 
     @property

@@ -95,6 +95,8 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
         pictures=pictures(gathered, fit, table, curve),
+        unbounded="these numbers hang together, so that each may be vague; what they come to, the "
+        "sigma of a bearing in each sector, has its bound among the checks, as the delay has",
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )

@@ -84,6 +84,8 @@ def calibrate(gathered: Gathered) -> Calibration:
         fitted=tuple(row for part in parts for row in part.fitted),
         checks=tuple(check for part in parts for check in part.checks),
         residuals="; ".join(part.residuals for part in parts),
+        unbounded="what was not observable is kept as it was; the other rows are shown to be read, "
+        "and not written",
         pictures=tuple(picture for part in parts for picture in part.pictures),
         settings={key: value for part in parts for key, value in part.settings.items()},
         figures={key: value for part in parts for key, value in part.figures.items()},

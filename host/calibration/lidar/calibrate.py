@@ -86,6 +86,7 @@ def calibrate(gathered: Gathered) -> Calibration:
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
         pictures=pictures(outcome),
+        unbounded="it is not written, and shows whether lidar.target_diameter_m is the turrets'",
         joint=((*LIDAR, "lidar.delay_s"), covariance[:4, :4]),
         figures={
             "rms_m": outcome.rms,

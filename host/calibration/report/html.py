@@ -16,6 +16,7 @@ from host.calibration.report.text import (
     row_verdict,
     value_alike,
     value_and_sigma,
+    why_unbounded,
 )
 from host.calibration.result import Calibration, Fitted, ReportPicture
 from host.calibration.robot_file import in_lines
@@ -77,6 +78,8 @@ def _text(value: object) -> str:
 
 def _verdict(calibration: Calibration) -> str:
     residuals = f"<p>Residuals: {_text(calibration.residuals)}</p>" if calibration.residuals else ""
+    if why := why_unbounded(calibration):
+        residuals += f"<p>{_text(why)}</p>"
     residuals += "".join(f"<p>Beware: {_text(each)}</p>" for each in calibration.warnings)
     failures = calibration.failures
     if not failures:

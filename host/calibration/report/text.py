@@ -20,8 +20,8 @@ def value_and_sigma(row: Fitted) -> str:
 
 
 def limit(row: Fitted) -> str:
-    """The largest sigma that will do, with its unit; "" where any will."""
-    return "" if row.limit is None else f"{row.limit * row.scale:.3g} {row.unit}".rstrip()
+    """The largest sigma that will do, with its unit; a dash where any will."""
+    return "–" if row.limit is None else f"{row.limit * row.scale:.3g} {row.unit}".rstrip()
 
 
 def value_alike(row: Fitted, value: float) -> str:
@@ -35,6 +35,13 @@ def value_alike(row: Fitted, value: float) -> str:
 
 def _decimals(sigma: float) -> int:
     return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
+
+
+def why_unbounded(calibration: Calibration) -> str:
+    """Why some rows have no largest sigma; "" where all have one, or nothing is said of it."""
+    if not calibration.unbounded or all(row.limit is not None for row in calibration.fitted):
+        return ""
+    return f"sigma at most –: {calibration.unbounded}"
 
 
 def row_verdict(row: Fitted | Check) -> str:
@@ -76,6 +83,8 @@ def as_text(calibration: Calibration) -> str:
             _row(check.name, found(check), needed(check), "", row_verdict(check))
             for check in calibration.checks
         ]
+    if why := why_unbounded(calibration):
+        lines += ["", textwrap.fill(why, _COLUMNS)]
     if calibration.residuals:
         lines += ["", textwrap.fill(f"residuals: {calibration.residuals}", _COLUMNS)]
     for warning in calibration.warnings:
@@ -123,6 +132,7 @@ def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
             for check in calibration.checks
         ],
         "residuals": calibration.residuals,
+        "unbounded": calibration.unbounded,
         "warnings": list(calibration.warnings),
         "settings": _json(calibration.new_settings()),
         "figures": _json(calibration.figures),
