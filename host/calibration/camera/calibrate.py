@@ -16,7 +16,7 @@ from host.calibration.camera.bearing_errors import (
 )
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraFit, CameraProblem
-from host.calibration.camera.model import LENS_NAMES, NAMES
+from host.calibration.camera.model import LENS_NAMES, NAMES, draw, row_of
 from host.calibration.camera.pairs import CAMERAS, Captured, reference_of, strips_of
 from host.calibration.camera.pictures import pictures
 from host.calibration.camera.verdict import Halves, verdict
@@ -33,6 +33,7 @@ from host.messages import FloatArray
 
 _CURVE_S, _CURVE_STEP_S = 0.2, 0.02  # around the delay found
 _LEAST_NOISE_RAD = 0.001
+_REACH_PERCENT = 99.0  # of the strips are nearer to the axis
 _ENOUGH_STRIPS, _ENOUGH_ROTATION_RAD = 200, 1.5  # to drive on for; the rotation each way
 _NEAR_M, _FAR_M = 0.8, 1.5
 _LABELS = {
@@ -221,7 +222,26 @@ def _rows(
         before=cameras.bearing_noise_rad,
         unit="deg",
     )
-    return (*rows, delay, spread)
+    return (*rows, *_reaches(fit), delay, spread)
+
+
+def _reaches(fit: CameraFit) -> list[Fitted]:
+    """How far off the axis each camera's lens was seen; beyond, it is the polynomial's guess."""
+    points, rows = fit.pairs.at(fit.delay), []
+    for number, name in enumerate(CAMERAS):
+        mine = fit.used & (fit.pairs.strips.cameras == number)
+        if fit.fitted[number]:
+            angles = draw(row_of(fit.values, number), points[mine])[1]
+            rows.append(
+                Fitted(
+                    key="",
+                    name=f"{name} camera: lens known up to",
+                    value=float(np.percentile(angles, _REACH_PERCENT)),
+                    sigma=math.nan,
+                    unit="deg",
+                )
+            )
+    return rows
 
 
 def _figures(

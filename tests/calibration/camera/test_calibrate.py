@@ -9,7 +9,7 @@ import pytest
 from host.calibration.camera.calibrate import calibrate, camera_advice
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraProblem
-from host.calibration.camera.pairs import reference_of, strips_of
+from host.calibration.camera.pairs import CAMERAS, reference_of, strips_of
 from host.calibration.camera.uncertainty import scatter_of
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
@@ -59,6 +59,9 @@ def test_every_value_comes_with_its_halves_and_what_was_configured() -> None:
     gathered, calibration = of_500()
     rows = {row.key: row for row in calibration.fitted}
     assert len(rows) == 24
+    reaches = [row for row in calibration.fitted if "known up to" in row.name]
+    assert [row.name for row in reaches] == [f"{n} camera: lens known up to" for n in CAMERAS]
+    assert all(math.radians(60.0) < row.value < math.radians(110.0) for row in reaches)
     row = rows["camera.front.z_m"]
     assert (row.before, row.unit) == (gathered.config.camera.front.z_m, "mm")
     assert row.value == pytest.approx(FRONT.place[2], abs=0.002)
