@@ -144,7 +144,7 @@ def scan_ms(name: str, scene: Scene, scans: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(SEEDS))
     parser.add_argument("--posts", type=int, nargs="+", default=[2, 0])
     parser.add_argument("--seconds", type=int, default=SECONDS)
     parser.add_argument("--targets", type=int, nargs="*", default=list(SCANS), choices=list(SCANS))
