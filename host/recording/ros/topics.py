@@ -241,6 +241,8 @@ def _at(positions: FloatArray) -> FloatArray:
 
 
 def _quaternion(heading: float) -> tuple[float, float, float, float]:
+    if not math.isfinite(heading):  # of what is no pose
+        return math.nan, math.nan, math.nan, math.nan
     return 0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0)
 
 
