@@ -196,7 +196,9 @@ def _check_exchanged(moved: _Moved, turned: FloatArray, body: int) -> None:
             _LEAST_EXCHANGED < share < 1.0 - _LEAST_EXCHANGED
             and _explained(wheels, spliced) >= _FITS
         ):
-            first = moved.starts[known][int(np.argmax(smooth != smooth[0]))] + 0.5 * _WINDOW_S
+            sides = np.cumsum(np.where(smooth, 1.0, -1.0))
+            when = int(np.argmax(np.abs(2.0 * sides - sides[-1])))
+            first = moved.starts[known][when] + 0.5 * _WINDOW_S
             raise UserError(
                 f"bodies {body} and {number} change places at about {first:.1f} s",
                 "before, one of them moves as these wheels do, and afterwards the other",
