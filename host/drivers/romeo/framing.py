@@ -1,7 +1,7 @@
 """The board's frames on the line: COBS, a CRC-16 and a zero byte (see protocol.toml). Pure."""
 
 from binascii import crc_hqx
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 from cobs import cobs
 
@@ -12,7 +12,7 @@ DELIMITER = b"\0"
 
 def encode(frame: Frame) -> bytes:
     """The bytes of one frame, delimiter included. Raises struct.error where a field overflows."""
-    content = frame.LAYOUT.pack(frame.ID, *astuple(frame))
+    content = frame.LAYOUT.pack(frame.ID, *(getattr(frame, name) for name in frame.__slots__))
     crc = crc_hqx(content, 0).to_bytes(2, "little")
     return bytes(cobs.encode(content + crc)) + DELIMITER
 
