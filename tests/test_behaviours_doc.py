@@ -13,7 +13,7 @@ from host.recording.log import Recording
 
 DOCUMENT = (Path(__file__).parents[1] / "docs" / "behaviours.md").read_text(encoding="utf-8")
 (EXAMPLE,) = re.findall(r"```python\n(.*?)```", DOCUMENT, re.DOTALL)
-(COMMANDS,) = re.findall(r"```sh\n(.*?)```", DOCUMENT, re.DOTALL)
+COMMANDS, FORMATION = re.findall(r"```sh\n(.*?)```", DOCUMENT, re.DOTALL)
 
 
 def test_the_example_follows_a_teammate_on_all_stacks(tmp_path, monkeypatch):
@@ -33,3 +33,14 @@ def test_the_example_follows_a_teammate_on_all_stacks(tmp_path, monkeypatch):
     run = CliRunner().invoke(main, live)
     assert run.exit_code == 0, run.output
     assert "contacts" in run.output
+
+
+def test_the_formation_is_recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    simulate = shlex.split(FORMATION.splitlines()[0])[1:]
+    short = [word.replace("seconds=30", "seconds=1") for word in simulate]
+    assert short != simulate
+    run = CliRunner().invoke(main, short)
+    assert run.exit_code == 0, run.output
+    truths = [m for m in Recording(Path("circle.mcap")).messages() if isinstance(m, Truth)]
+    assert len(truths[-1].identities) == 5

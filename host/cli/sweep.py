@@ -69,7 +69,7 @@ Examples:
 )
 @click.option(
     "--sensors",
-    default=",".join(reversed(SENSORS)),
+    default="lidar+camera,lidar",
     show_default=True,
     help="Which sensors; a dataset has its own.",
 )

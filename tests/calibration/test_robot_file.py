@@ -38,7 +38,7 @@ SETTINGS = {
         st.fixed_dictionaries(
             {
                 "centre_rad": st.floats(-math.pi, math.pi),
-                "width_rad": st.floats(0.001, 3.1),
+                "width_rad": st.floats(0.001, 0.8),
             }
         ),
         max_size=7,

@@ -47,7 +47,7 @@ def test_a_megabyte_of_noise(elf: Callable[[int], Path]) -> None:
         feed(board, noise[k : k + CHUNK])
     check_alive(board, bad)
     board.send(encode(VelocityFrame(500, -500)))
-    board.run(0.2)
+    board.run(0.1)
     assert board.driving == (1, -1)
 
 

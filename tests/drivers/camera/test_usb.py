@@ -354,8 +354,9 @@ def test_what_is_no_camera_fails_in_words() -> None:
 
 def test_the_words_of_the_docs_are_those_of_the_drivers() -> None:
     root = Path(__file__).resolve().parents[3]
-    drivers = root / "host" / "drivers"
-    said = "".join(path.read_text(encoding="utf-8") for path in drivers.rglob("*.py"))
+    rooms = (root / "host" / name for name in ("drivers", "sources"))
+    files = (path for room in rooms for path in room.rglob("*.py"))
+    said = "".join(path.read_text(encoding="utf-8") for path in files)
     page = (root / "docs" / "cameras.md").read_text(encoding="utf-8")
     table = page.partition("| Health says |")[2].splitlines()[2:]
     words = [row.split("`")[1] for row in table if row.startswith("| `")]
