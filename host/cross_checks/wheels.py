@@ -12,12 +12,11 @@ import numpy as np
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.geometry import Path, to_parent, wrap
+from host.geometry import Path, wrap
 from host.messages import FloatArray, Scan
-from host.perception.scan_match import Surroundings
+from host.perception.scan_match import FEWEST_RETURNS, Surroundings, returns_of
 
 _INTERVAL_S = (1.0, 1.6)  # between two scans that are compared
-_FEWEST_RETURNS = 60
 # In simulation 0.1 of the returns have no counterpart, 0.3 in a crowd of 20.
 _FITS = 0.25  # not more than this share
 _FITS_OTHERWISE = 0.4
@@ -102,13 +101,10 @@ class WheelsAgainstLidar:
         return self._reported
 
     def _see(self, scan: Scan, path: Path) -> _Seen | None:
-        returned = scan.ranges > 0.0
-        if np.count_nonzero(returned) < _FEWEST_RETURNS:
+        plain, times = returns_of(scan, self._mounting)
+        if len(plain) < FEWEST_RETURNS:
             return None
-        ranges, angles = scan.ranges[returned], scan.angles[returned]
-        beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
-        plain = to_parent(beams, self._mounting)
-        carried = path.carry(plain, scan.times[returned], scan.time)
+        carried = path.carry(plain, times, scan.time)
         return _Seen(scan.time, Surroundings(carried), carried, Surroundings(plain), plain)
 
     def _judge(self, before: _Seen, now: _Seen, path: Path) -> _Verdict | None:

@@ -10,9 +10,8 @@ import numpy as np
 from host.config import Lidar
 from host.geometry import to_parent
 from host.messages import FloatArray, Scan
-from host.perception.scan_match import Surroundings
+from host.perception.scan_match import FEWEST_RETURNS, Surroundings, returns_of
 
-_FEWEST_RETURNS = 60
 _FITS = 0.4  # not more than this share of the returns has nothing near it in the scan before
 _GAP_S = 0.4  # revolutions further apart cannot be matched
 
@@ -48,11 +47,11 @@ def motion_of(scans: Sequence[Scan], lidar: Lidar) -> LidarMotion | None:
     The robot should move by less than 0.3 m and 0.5 rad from one revolution to the next.
     """
     mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
-    usable = [scan for scan in scans if np.count_nonzero(scan.ranges > 0.0) >= _FEWEST_RETURNS]
+    usable = [scan for scan in scans if np.count_nonzero(scan.ranges > 0.0) >= FEWEST_RETURNS]
     gaps = np.diff([scan.time for scan in usable])
     if len(usable) < 2 or gaps.max() > _GAP_S:
         return None
-    seen = [_points(scan, mounting) for scan in usable]
+    seen = [returns_of(scan, mounting)[0] for scan in usable]
     poses = [np.zeros(3)]
     for before, points in itertools.pairwise(seen):
         surroundings = Surroundings(before)
@@ -64,11 +63,3 @@ def motion_of(scans: Sequence[Scan], lidar: Lidar) -> LidarMotion | None:
         poses.append(np.array([x, y, at[2] + step[2]]))
     times = np.array([float(np.mean(scan.times)) for scan in usable])
     return LidarMotion(times, np.array(poses))
-
-
-def _points(scan: Scan, mounting: FloatArray) -> FloatArray:
-    """Its returns (n, 2) m in the robot frame, as if the robot stood."""
-    returned = scan.ranges > 0.0
-    ranges, angles = scan.ranges[returned], scan.angles[returned]
-    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
-    return np.asarray(to_parent(beams, mounting))

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from host.config import Lidar
-from host.geometry import Path, to_parent, wrap
+from host.geometry import Path, wrap
 from host.messages import Displacement, FloatArray, Scan
-from host.perception.scan_match import Surroundings
+from host.perception.scan_match import FEWEST_RETURNS, Surroundings, returns_of
 
 _INTERVAL_S = (1.0, 1.6)  # between two scans that are matched
-_FEWEST_RETURNS = 60
 _SOME = 3  # every third return of the later scan is matched
 _FITS = 0.3  # at most this share of the returns may have nothing near them
 _LEAST_M, _LEAST_RAD = 0.03, 0.06  # a motion that is smaller says nothing
@@ -109,12 +108,10 @@ class OdometryGains:
             self._rotation.learn(reported[1], rotation, variance)
 
     def _see(self, scan: Scan, path: Path) -> _Seen | None:
-        returned = scan.ranges > 0.0
-        if np.count_nonzero(returned) < _FEWEST_RETURNS:
+        plain, times = returns_of(scan, self._mounting)
+        if len(plain) < FEWEST_RETURNS:
             return None
-        ranges, angles = scan.ranges[returned], scan.angles[returned]
-        beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
-        points = path.carry(to_parent(beams, self._mounting), scan.times[returned], scan.time)
+        points = path.carry(plain, times, scan.time)
         return _Seen(scan.time, points[::_SOME], Surroundings(points))
 
     @property

@@ -10,7 +10,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from host.geometry import to_parent
-from host.messages import FloatArray
+from host.messages import FloatArray, Scan
+
+FEWEST_RETURNS = 60  # of a scan that can be compared with another
 
 _NEIGHBOURS = 5  # of a return, on the line through it
 _GATES_M = (0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.08, 0.08)  # of one step after the other
@@ -21,6 +23,17 @@ _HEADINGS = 36
 _HEADING_STEP = math.tau / _HEADINGS
 _CLEARLY = 0.1  # share of the returns
 _RIDGE = 0.01  # a motion that no return speaks for, as along a corridor, stays as it was
+
+
+def returns_of(scan: Scan, mounting: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Its returns (n, 2) m in the robot frame, each as the robot stood then; and when, (n,) s.
+
+    mounting (3,): x, y (m) and heading (rad) of the lidar in the robot frame.
+    """
+    returned = scan.ranges > 0.0
+    ranges, angles = scan.ranges[returned], scan.angles[returned]
+    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
+    return to_parent(beams, mounting), scan.times[returned]
 
 
 class Surroundings:
