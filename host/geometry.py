@@ -47,6 +47,23 @@ def to_frame(points: FloatArray, poses: FloatArray) -> FloatArray:
     return np.stack((c * px + s * py, c * py - s * px), axis=-1)
 
 
+def on_rays(
+    origin: tuple[float, float],
+    bearings: FloatArray,
+    ranges: FloatArray,
+    across: FloatArray,
+    along: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (k, 2) m of bearings and ranges (k,) from `origin`, and covariances (k, 2, 2) m².
+
+    across, along (k,) m²: variances across each ray and along it.
+    """
+    ray = np.stack((np.cos(bearings), np.sin(bearings)))
+    covariances = np.einsum("ak,bk,k->kab", ray, ray, along - across)
+    covariances += across[:, None, None] * np.eye(2)
+    return (np.array(origin)[:, None] + ranges * ray).T, covariances
+
+
 # Where no odometry says how the robot drives: m² (per axis) and rad² a second. As a robot does that
 # wanders at 0.3 m/s.
 _LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1

@@ -6,8 +6,7 @@ Only for evaluation. It takes readings' `identities`; those of nobody (-1) it le
 import numpy as np
 
 from host.estimator.motion_modes import MotionModes, MovingTeammates
-from host.estimator.strip_births import on_rays
-from host.geometry import wrap
+from host.geometry import on_rays, wrap
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
 

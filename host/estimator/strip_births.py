@@ -13,7 +13,7 @@ import numpy as np
 
 from host.config import Cameras
 from host.estimator.sensor_models import CameraModel
-from host.geometry import SECTORS
+from host.geometry import SECTORS, on_rays
 from host.messages import Bearings, FloatArray, IntArray
 
 _LONGEST_S = 1.0  # teammates that appeared longer ago were seen before or have gone
@@ -38,23 +38,6 @@ class Places:
     def of_readings(self, readings: int) -> FloatArray:
         """The intensity (m,) at each reading."""
         return np.asarray(np.bincount(self.reading, self.intensity, readings), dtype=np.float64)
-
-
-def on_rays(
-    origin: tuple[float, float],
-    bearings: FloatArray,
-    ranges: FloatArray,
-    across: FloatArray,
-    along: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Positions (k, 2) m of bearings and ranges (k,) from `origin`, and covariances (k, 2, 2) m².
-
-    across, along (k,) m²: variances across each ray and along it.
-    """
-    ray = np.stack((np.cos(bearings), np.sin(bearings)))
-    covariances = np.einsum("ak,bk,k->kab", ray, ray, along - across)
-    covariances += across[:, None, None] * np.eye(2)
-    return (np.array(origin)[:, None] + ranges * ray).T, covariances
 
 
 class StripBirths:

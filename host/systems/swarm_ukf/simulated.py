@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.geometry import Path, to_frame, wrap
+from host.geometry import Path, on_rays, to_frame, wrap
 from host.messages import Displacement, FloatArray, Positions
 from host.systems.swarm_ukf.joint_map import Neighbours, Reading
 from host.systems.swarm_ukf.scoring import Event, laid, score_swarm
@@ -153,12 +153,9 @@ class SimulatedSwarm:
         noise = self._random.normal(size=(2, len(near)))
         ranges = scenario.range_gain * distances[near] + scenario.range_sigma_m * noise[0]
         bearings = np.arctan2(seen[near, 1], seen[near, 0]) + _BEARING_SIGMA_RAD * noise[1]
-        along = np.column_stack((np.cos(bearings), np.sin(bearings)))
-        across = np.column_stack((-along[:, 1], along[:, 0]))
         sideways = _BEARING_SIGMA_RAD**2 * (ranges**2 + scenario.range_sigma_m**2)
-        covariances = scenario.range_sigma_m**2 * along[:, :, None] * along[:, None, :]
-        covariances = covariances + sideways[:, None, None] * across[:, :, None] * across[:, None]
-        positions = _UNBIASED * ranges[:, None] * along
+        along = np.full(len(near), scenario.range_sigma_m**2)
+        positions, covariances = on_rays((0.0, 0.0), bearings, _UNBIASED * ranges, sideways, along)
         return Positions(step * _STEP_S, positions, covariances, identities=near.astype(np.int64))
 
 
