@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast, get_args
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from host.errors import UserError
 from host.geometry import to_frame
 from host.messages import Displacement, FloatArray, IntArray, Positions, Truth
 
+SOURCE = "mrclam:"  # how `swarmloc evaluate` is given a dataset
 Landmarks = Literal["drop", "clutter"]
+_LANDMARKS = get_args(Landmarks)
 
 ROBOTS = (1, 2, 3, 4, 5)  # subjects above these are landmarks
 
@@ -101,6 +103,24 @@ class Dataset:
     def landmarks_seen_from(self, observer: int, time: float) -> FloatArray:
         """Where the landmarks (k, 2) are in the observer's frame, m."""
         return to_frame(self.landmarks, self.pose(observer, time))
+
+
+def read_source(source: str) -> tuple[Path, Landmarks]:
+    """Folder and landmarks of a source mrclam:FOLDER,landmarks=drop. Raises UserError."""
+    text = source.removeprefix(SOURCE)
+    folder, _, setting = text.rpartition(",")
+    if not folder or Path(text).is_dir():  # a folder's name may hold a comma
+        folder, setting = text, "landmarks=drop"
+    key, _, value = (part.strip() for part in setting.partition("="))
+    if key != "landmarks" or value not in _LANDMARKS:
+        raise UserError(
+            f"dataset {source!r} has no setting {setting!r}",
+            "landmarks=drop leaves readings of landmarks out, landmarks=clutter keeps them",
+            f"write {SOURCE}{folder},landmarks=drop",
+        )
+    if not Path(folder).is_dir():
+        load_dataset(Path(folder))  # its error reports what is missing
+    return Path(folder), cast(Landmarks, value)
 
 
 def load_dataset(folder: str | Path) -> Dataset:

@@ -3,8 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from host.config import RobotConfig
 from host.errors import UserError
@@ -15,14 +14,10 @@ from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT, NewFilter
 from host.evaluation.truth_scoring import WARM_UP_S
 from host.messages import Displacement
 from host.recording import mrclam
-from host.recording.mrclam import Landmarks
 from host.sessions import runs
 from host.sessions.truth_files import TruthFile
 from host.simulation.offline import OBSERVER
 from host.simulation.world.scenarios import Scenario
-
-_DATASET = "mrclam:"
-_LANDMARKS = ("drop", "clutter")
 
 Scores = dict[tuple[str, str], Accumulator]  # by filter and sensors
 Step = Callable[[str], None]
@@ -43,13 +38,13 @@ Keep = Callable[[Scored], None]
 
 def is_dataset(source: str) -> bool:
     """Whether a source is an MR.CLAM dataset."""
-    return source.startswith(_DATASET)
+    return source.startswith(mrclam.SOURCE)
 
 
 def check_source(source: str) -> None:
     """Raise UserError for a source that is not there or is known to be too short."""
     if is_dataset(source):
-        _dataset(source)
+        mrclam.read_source(source)
         return
     found = runs.find_source(faults.split(source)[0])
     if isinstance(found, Scenario) and found.seconds <= WARM_UP_S:
@@ -153,14 +148,14 @@ def _pooled(scored: Sequence[tuple[Scenario, Faults, Scores]]) -> Iterator[Row]:
 
 def dataset_row(source: str, name: str, robot: RobotConfig) -> Row:
     """The row of a filter on a dataset, its observers pooled; `robot`: how the filter is set."""
-    folder, landmarks = _dataset(source)
+    folder, landmarks = mrclam.read_source(source)
     maker = mrclam_scoring.mrclam_maker(name, robot)
     scores = mrclam_scoring.mrclam_scores(mrclam.load_dataset(folder), maker, landmarks)
     return mrclam_scoring.mrclam_rows(scores, name, source)[-1]
 
 
 def _dataset_rows(source: str, names: Sequence[str], step: Step, keep: Keep) -> list[Row]:
-    folder, landmarks = _dataset(source)
+    folder, landmarks = mrclam.read_source(source)
     dataset = mrclam.load_dataset(folder)
     rows: list[Row] = []
     by_robot: dict[int, Scores] = {robot: {} for robot in dataset.robots}
@@ -176,21 +171,3 @@ def _dataset_rows(source: str, names: Sequence[str], step: Step, keep: Keep) -> 
         motion = [message for message in messages if isinstance(message, Displacement)]
         keep(Scored(source, str(robot), MRCLAM_ROBOT, motion, scores))
     return rows
-
-
-def _dataset(source: str) -> tuple[Path, Landmarks]:
-    """Folder and landmarks of mrclam:FOLDER,landmarks=drop. Raises UserError."""
-    text = source.removeprefix(_DATASET)
-    folder, _, setting = text.rpartition(",")
-    if not folder or Path(text).is_dir():  # a folder's name may hold a comma
-        folder, setting = text, "landmarks=drop"
-    key, _, value = (part.strip() for part in setting.partition("="))
-    if key != "landmarks" or value not in _LANDMARKS:
-        raise UserError(
-            f"dataset {source!r} has no setting {setting!r}",
-            "landmarks=drop leaves readings of landmarks out, landmarks=clutter keeps them",
-            f"write {_DATASET}{folder},landmarks=drop",
-        )
-    if not Path(folder).is_dir():
-        mrclam.load_dataset(Path(folder))  # its error reports what is missing
-    return Path(folder), cast(Landmarks, value)

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any, TypeVar
 
 from host.errors import UserError
-from host.recording.mrclam import load_dataset
+from host.recording.mrclam import load_dataset, read_source
 from host.simulation.world.scenarios import settings
 from host.systems.particles.simulated import IntruderScenario, tracked
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
@@ -46,7 +45,7 @@ class SystemRow:
 
 
 def _swarm_on_dataset(source: str) -> Variants:
-    folder = Path(source.partition(":")[2].partition(",landmarks=")[0])
+    folder, _ = read_source(source)  # landmarks have no identity: they are left out
     dataset = load_dataset(folder)
     return {
         "joint": mrclam_score(dataset, "joint").figures(),
