@@ -47,7 +47,7 @@ TimeoutStartSec=infinity
 WatchdogSec=15
 Restart=always
 RestartSec=2
-# It stops the motors when it is told to end. Where it dies, the board does: 0.3 s after the last
+# It stops the motors when it is told to end. Where it dies, the board does: 0.15 s after the last
 # command.
 KillSignal=SIGTERM
 TimeoutStopSec=10
