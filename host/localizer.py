@@ -27,8 +27,8 @@ from host.messages import (
     Positions,
     Scan,
 )
-from host.perception import turrets
 from host.perception.odometry_gains import OdometryGains
+from host.perception.turrets import turrets
 
 AnyReadings = TypeVar("AnyReadings", bound=Positions | Bearings)
 

@@ -26,9 +26,9 @@ from host.messages import (
     Scan,
     Truth,
 )
+from host.recording.elsewhere.mrclam import load_dataset as load_mrclam
+from host.recording.elsewhere.optiodom import read_runs as load_optiodom
 from host.recording.log import Recorder, Recording, RecordingHeader
-from host.recording.mrclam import load_dataset as load_mrclam
-from host.recording.optiodom import read_runs as load_optiodom
 from host.registry import BEHAVIOURS, BOARDS, FILTERS, LIDARS, SCENARIOS, load_plugin
 from host.sessions.calibrating import calibrate_from as calibrate
 from host.sessions.evaluating import score_sources as evaluate

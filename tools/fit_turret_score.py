@@ -2,7 +2,7 @@
 
     SWARMLOC_DATA=folder python -m tools.fit_turret_score
 
-It prints what `host/perception/turret_score.py` holds: weights and constant of a logistic model,
+It prints what `host/perception/turrets/score.py` holds: weights and constant of a logistic model,
 in which turrets and background weigh the same, so that its value is a log likelihood ratio; and
 the least score, which keeps 98.5 % of the turrets in plain view or close before a wall. For each
 recorded room it prints, too, how a model does there that was fitted to all the others: so many
@@ -22,13 +22,13 @@ from scipy.optimize import minimize
 from host.config import Lidar
 from host.geometry import Path, to_frame
 from host.messages import BoolArray, FloatArray, Scan
-from host.perception.turret_fit import fit_circles
-from host.perception.turret_score import FEATURES, features
-from host.perception.turret_segments import place, returns, small_segments
+from host.perception.turrets.fit import fit_circles
+from host.perception.turrets.score import FEATURES, features
+from host.perception.turrets.segments import place, returns, small_segments
 from host.simulation.offline import OBSERVER
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse_scenario
-from tests.perception.cut_turrets import (
+from tests.perception.turrets.cut_turrets import (
     before_a_wall,
     cases,
     half_hidden,

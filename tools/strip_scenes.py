@@ -25,7 +25,7 @@ from host.calibration.camera.colour import annotate
 from host.config import Cameras
 from host.geometry import wrap
 from host.messages import Image
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.pictures.scenes import SCENES, scene_frames
 from host.simulation.pictures.sightings import Sightings
 

@@ -13,7 +13,7 @@ import numpy as np
 from host.config import Lidar
 from host.geometry import SECTORS, Path, sector, to_frame, to_parent
 from host.messages import BoolArray, FloatArray, IntArray, Scan
-from host.perception.turret_segments import place
+from host.perception.turrets.segments import place
 
 REVOLUTIONS = 4  # remembered, where the newest one saw nothing
 _WIDEST_CHORD = round(SECTORS * 150 / 360)  # a wider gap is closed by an arc

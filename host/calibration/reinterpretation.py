@@ -14,7 +14,7 @@ from host.config import Camera, RobotConfig
 from host.drivers.romeo.differential_drive import displacement
 from host.messages import Bearings, BoolArray, Displacement, Message, Scan
 from host.perception.lens import View
-from host.perception.strip_geometry import StripGeometry
+from host.perception.strips.geometry import StripGeometry
 
 
 class Reinterpretation:

@@ -10,12 +10,13 @@ import click
 from host.behaviour import catalogue
 from host.behaviour.interface import Behaviour
 from host.behaviour.keys import HELP, Keys
-from host.cli import gathering, options
+from host.cli import options
+from host.cli.calibrate import gathering
+from host.cli.calibrate.fitting import drive_name
 from host.cli.drive_square import square
-from host.cli.fitting import drive_name
-from host.cli.keyboard import keys_read
-from host.cli.live_screen import check_failures, show_run, view_option, viewer_at
-from host.cli.summary import summary
+from host.cli.terminal.keyboard import keys_read
+from host.cli.terminal.live_screen import check_failures, show_run, view_option, viewer_at
+from host.cli.terminal.summary import summary
 from host.config import RobotConfig
 from host.registry import BEHAVIOURS
 from host.sessions.driving import contacts_in_words, drive_rig, driving_of

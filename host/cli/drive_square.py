@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from host.cli import options
-from host.cli.signals import signals_caught
+from host.cli.terminal.signals import signals_caught
 from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP
 from host.evaluation.umbmark import Umbmark, corrected, umbmark

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.cli.table import systems_table, table
+from host.cli.terminal.table import systems_table, table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
 from host.experiments.results_folder import ResultsFolder

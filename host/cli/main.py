@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from host.cli.calibrate import calibrate
+from host.cli.calibrate.calibrate import calibrate
 from host.cli.doctor import doctor
 from host.cli.drive import drive
 from host.cli.evaluate import evaluate
@@ -15,9 +15,9 @@ from host.cli.print_sheets import print_group
 from host.cli.record import record
 from host.cli.replay import replay
 from host.cli.run import run
-from host.cli.signals import signals_interrupt
 from host.cli.simulate import simulate
 from host.cli.sweep import sweep_command
+from host.cli.terminal.signals import signals_interrupt
 from host.errors import UserError
 from host.registry import load_plugin
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import click
 
 from host.errors import UserError
-from host.recording.named_columns import units_of
+from host.recording.elsewhere.named_columns import units_of
 from host.registry import FILTERS
 from host.sessions.truth_files import TruthFile, truth_file
 

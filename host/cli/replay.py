@@ -6,10 +6,10 @@ from pathlib import Path
 import click
 
 from host.cli import options
-from host.cli.console import State
-from host.cli.live_screen import NO_VIEW, address_given
-from host.cli.player import Player, play
-from host.cli.summary import summary
+from host.cli.terminal.console import State
+from host.cli.terminal.live_screen import NO_VIEW, address_given
+from host.cli.terminal.player import Player, play
+from host.cli.terminal.summary import summary
 from host.recording.log import SUFFIX, Recording
 from host.sessions.replaying import Replayed, replay_recording
 from host.sessions.robot import robot_configuration, with_filter

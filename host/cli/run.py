@@ -11,14 +11,14 @@ from typing import Any
 import click
 
 from host.cli import options
-from host.cli.live_screen import (
+from host.cli.terminal.live_screen import (
     check_failures,
     foxglove_option,
     show_run,
     view_option,
     viewer_at,
 )
-from host.cli.summary import summary
+from host.cli.terminal.summary import summary
 from host.errors import UserError
 from host.registry import SCENARIOS
 from host.sessions.robot import robot_configuration

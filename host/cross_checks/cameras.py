@@ -17,7 +17,7 @@ from host.errors import UserError
 from host.estimator.sensor_models import in_view
 from host.geometry import Path, wrap
 from host.messages import Bearings, BoolArray, FloatArray, Positions, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 
 _EVERY_S = 0.5
 _MOVED_M, _MOVED_RAD = 0.08, 0.2  # since the last comparison

@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from host.config import Lidar
-from host.estimator.gaussian_mixture import (
+from host.estimator.gaussians.gaussian_mixture import (
     PXX,
     PXY,
     PYY,

@@ -16,7 +16,7 @@ import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
 from host.estimator.evidence import likeness
-from host.estimator.gaussian_mixture import (
+from host.estimator.gaussians.gaussian_mixture import (
     PXX,
     PXY,
     PYY,
@@ -30,7 +30,10 @@ from host.estimator.gaussian_mixture import (
     update_by_bearings,
     update_by_positions,
 )
-from host.estimator.kinds import (
+from host.estimator.gaussians.reduction import groups_by_reading, merge, pass_on_labels
+from host.estimator.learnt_lidar import LearntLidar
+from host.estimator.sensor_models import CameraModel, surroundings, survival
+from host.estimator.things.kinds import (
     CONFIRMED,
     LABEL,
     MIXTURE,
@@ -43,9 +46,6 @@ from host.estimator.kinds import (
     existence,
     rows_of,
 )
-from host.estimator.learnt_lidar import LearntLidar
-from host.estimator.reduction import groups_by_reading, merge, pass_on_labels
-from host.estimator.sensor_models import CameraModel, surroundings, survival
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 

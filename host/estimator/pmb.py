@@ -14,22 +14,22 @@ import math
 import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
-from host.estimator.association import associate
 from host.estimator.evidence import likeness, new_share
-from host.estimator.gaussian_mixture import PXX, PXY, PYY
-from host.estimator.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.gaussian_mixture import PXX, PXY, PYY
+from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.moving_gaussians import X, Y, absorb, summed
 from host.estimator.learnt_lidar import LearntLidar
-from host.estimator.moving_gaussians import X, Y, absorb, summed
-from host.estimator.pairing import pair_bearings, pair_positions
 from host.estimator.sensor_models import (
     CameraModel,
     in_view,
     surroundings,
     survival,
 )
-from host.estimator.static_world import StaticWorld
-from host.estimator.strip_births import Places, StripBirths
-from host.estimator.thing_modes import (
+from host.estimator.things.association import associate
+from host.estimator.things.pairing import pair_bearings, pair_positions
+from host.estimator.things.static_world import StaticWorld
+from host.estimator.things.strip_births import Places, StripBirths
+from host.estimator.things.thing_modes import (
     MOTION_OF,
     MOTIONS,
     OBSTACLE,
@@ -39,7 +39,7 @@ from host.estimator.thing_modes import (
     ThingModes,
     by_motion,
 )
-from host.estimator.things import LABEL, PICTURED, SEEN, VARIANCE, Things
+from host.estimator.things.things import LABEL, PICTURED, SEEN, VARIANCE, Things
 from host.message_checks import check
 from host.messages import (
     Bearings,

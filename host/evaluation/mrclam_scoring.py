@@ -17,7 +17,7 @@ from host.estimator.profiles import filter_entry
 from host.evaluation.metrics import MRCLAM_CUT_OFF_M, Accumulator, Instant, Row
 from host.evaluation.runner import estimates_at
 from host.messages import Displacement, FloatArray, IntArray, Positions
-from host.recording.mrclam import Dataset, Landmarks
+from host.recording.elsewhere.mrclam import Dataset, Landmarks
 
 _WARM_UP_S = 60.0
 _EVERY_S = 1.0

@@ -28,7 +28,7 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.recording.bags import PREFIX, Bag
+from host.recording.elsewhere.bags import PREFIX, Bag
 from host.recording.log import SUFFIXES, Recording
 from host.sessions.swarming import Swarm
 from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth

@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 
 from host.config import Strip
 from host.errors import UserError
-from host.perception.strip_geometry import GREEN_RGB, MAGENTA_RGB
+from host.perception.strips.geometry import GREEN_RGB, MAGENTA_RGB
 
 PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # lying on the long side
 

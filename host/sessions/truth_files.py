@@ -13,7 +13,7 @@ from host.calibration.truth.rates import path_by_wheels
 from host.config import Mocap
 from host.errors import UserError
 from host.messages import Bodies, Displacement, Message, Truth
-from host.recording.named_columns import BodyPath, Units
+from host.recording.elsewhere.named_columns import BodyPath, Units
 
 
 @dataclass(frozen=True, slots=True)

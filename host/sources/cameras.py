@@ -10,7 +10,7 @@ from host.config import Camera, Cameras
 from host.drivers.camera.driver import TORN_SHARE, CameraDriver, Picture, many_torn
 from host.errors import UserError
 from host.messages import Bearings, Health, Message
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 
 
 class StripCamera:

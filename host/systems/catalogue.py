@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from host.errors import UserError
-from host.recording.mrclam import load_dataset, read_source
+from host.recording.elsewhere.mrclam import load_dataset, read_source
 from host.simulation.world.scenarios import settings
 from host.systems.particles.simulated import IntruderScenario, tracked
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score

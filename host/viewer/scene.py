@@ -21,7 +21,7 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.perception.turret_segments import place
+from host.perception.turrets.segments import place
 from host.pipeline import Now
 from host.viewer.playback import Playback
 

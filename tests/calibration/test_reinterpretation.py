@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from host.calibration.reinterpretation import Reinterpretation
 from host.config import RobotConfig
 from host.messages import Bearings, Displacement, Message, Scan
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
-from host.cli.table import table
+from host.cli.terminal.table import table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import DeviceBytes, Estimate, Health, Truth

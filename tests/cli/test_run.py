@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
-from host.cli.signals import signals_caught, signals_interrupt
+from host.cli.terminal.signals import signals_caught, signals_interrupt
 from host.messages import (
     Bearings,
     DeviceBytes,
@@ -179,7 +179,7 @@ def test_a_signal_ends_it_at_any_moment(after_s, tmp_path):
 
 def test_a_second_signal_ends_what_the_first_one_waits_for():
     program = (
-        "import time; from host.cli.signals import signals_caught\n"
+        "import time; from host.cli.terminal.signals import signals_caught\n"
         "with signals_caught() as signalled:\n"
         "  print('caught', flush=True)\n"
         "  while True:\n"

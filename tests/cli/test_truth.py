@@ -14,7 +14,7 @@ from host.cli.main import main
 from host.config import Mocap, RobotConfig, load_config
 from host.drivers.romeo.differential_drive import displacement
 from host.messages import Bodies
-from host.recording import optiodom
+from host.recording.elsewhere import optiodom
 from host.recording.log import Recorder, Recording, RecordingHeader
 
 RUN = "optiodom/free/030120210001/030120210001_run-01"

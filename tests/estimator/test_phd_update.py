@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from host.config import Cameras, FilterSettings, Lidar
-from host.estimator.gaussian_mixture import PXX, WEIGHT, X, Y
-from host.estimator.kinds import OBSTACLE, TEAMMATE, rows_of
+from host.estimator.gaussians.gaussian_mixture import PXX, WEIGHT, X, Y
 from host.estimator.phd import PhdFilter
+from host.estimator.things.kinds import OBSTACLE, TEAMMATE, rows_of
 from host.messages import Bearings, Displacement, Positions
 
 P_LIDAR, CLUTTER, BIRTH, OBSTACLES = 0.9, 0.02, 0.05, 0.4

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host.config import Cameras, FilterSettings, Lidar, PmbSettings
-from host.estimator import thing_modes
+from host.estimator.gaussians.moving_gaussians import COVARIANCE, ENTRY
 from host.estimator.motion_modes import MotionModes, MovingTeammates
-from host.estimator.moving_gaussians import COVARIANCE, ENTRY
 from host.estimator.pmb import PmbFilter
-from host.estimator.thing_modes import PARKED
+from host.estimator.things import thing_modes
+from host.estimator.things.thing_modes import PARKED
 from host.geometry import to_frame, to_parent
 from host.messages import Displacement, Positions
 from tests.estimator.standing_robot import PLAIN_VIEW, heard, seen, standing

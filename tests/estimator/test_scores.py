@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from host.config import FilterSettings, Lidar
-from host.estimator.gaussian_mixture import WEIGHT, Y
-from host.estimator.kinds import TEAMMATE, rows_of
+from host.estimator.gaussians.gaussian_mixture import WEIGHT, Y
 from host.estimator.phd import PhdFilter
+from host.estimator.things.kinds import TEAMMATE, rows_of
 from host.messages import Displacement, Positions
 
 

@@ -6,7 +6,7 @@ import pytest
 from host.evaluation.metrics import Accumulator
 from host.evaluation.mrclam_scoring import mrclam_maker, score_observer, scored_instants
 from host.messages import Displacement, Estimate, Positions
-from host.recording import mrclam
+from host.recording.elsewhere import mrclam
 
 
 @pytest.fixture(scope="module")

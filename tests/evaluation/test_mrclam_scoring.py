@@ -12,7 +12,7 @@ from host.evaluation.mrclam_scoring import (
     scored_instants,
 )
 from host.messages import Positions
-from host.recording import mrclam
+from host.recording.elsewhere import mrclam
 
 # Robot 1 stands at the origin, looks along x and never moves; nor does anybody else.
 PLACES = {1: (0.0, 0.0), 2: (3.0, 0.0), 3: (0.0, 3.0), 4: (-3.0, 0.0), 5: (0.0, -3.0)}

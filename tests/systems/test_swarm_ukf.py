@@ -6,7 +6,7 @@ import pytest
 from host.calibration.robust.rigid_alignment import align
 from host.geometry import Path, to_frame
 from host.messages import Displacement, Positions
-from host.recording.mrclam import load_dataset
+from host.recording.elsewhere.mrclam import load_dataset
 from host.systems.swarm_ukf.infrared import fit_infrared, read_infrared
 from host.systems.swarm_ukf.joint_map import JointMap, Reading, laid_on_truth
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score

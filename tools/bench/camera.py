@@ -30,7 +30,7 @@ from host.drivers.camera.mjpeg import Splitter
 from host.geometry import wrap
 from host.perception.jpeg_decoder import decode
 from host.perception.lens import View
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.pictures.render import Look, frames
 from host.simulation.pictures.sightings import Sightings
 

@@ -25,7 +25,7 @@ from host.drivers.x4.commands import SCAN
 from host.drivers.x4.protocol import ScanDecoder
 from host.geometry import Path, to_frame, wrap
 from host.messages import Displacement, FloatArray, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world.arena import ARENA_STEP_S, TURRET_RADIUS_M, Arena
 from host.simulation.world.camera import hidden_by_cylinders

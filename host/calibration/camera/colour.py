@@ -11,9 +11,9 @@ from host.config import Strip
 from host.drivers.camera.mjpeg import Splitter
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray, Image
-from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
-from host.perception.strip_geometry import StripGeometry
+from host.perception.strips.blob import Blob
+from host.perception.strips.geometry import StripGeometry
 
 Box = tuple[int, int, int, int]  # left, top, width, height in full-size px
 

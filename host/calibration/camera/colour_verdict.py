@@ -9,10 +9,10 @@ from host.calibration.camera.colour import Box
 from host.calibration.result import Calibration, Check, Fitted, at_least, at_most
 from host.config import Strip
 from host.messages import BoolArray, Image
-from host.perception.blob import Blob
 from host.perception.jpeg_decoder import SCALE
-from host.perception.strip_colour import StripColour
-from host.perception.strip_geometry import StripGeometry
+from host.perception.strips.blob import Blob
+from host.perception.strips.colour import StripColour
+from host.perception.strips.geometry import StripGeometry
 
 LEARNT = {
     "hue_deg": "hue, deg",

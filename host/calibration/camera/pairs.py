@@ -12,7 +12,7 @@ from host.calibration.gathered import Gathered, Tracks
 from host.errors import UserError
 from host.geometry import to_frame, to_parent
 from host.messages import FloatArray, IntArray
-from host.perception import turrets
+from host.perception.turrets import turrets
 
 CAMERAS = ("front", "rear")
 LEAST_PAIRS = 12  # of a camera, to fit it

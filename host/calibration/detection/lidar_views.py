@@ -14,7 +14,7 @@ from host.config import Lidar
 from host.drivers.x4.packets import angle_correction
 from host.geometry import SECTORS, Path, sector, to_frame, to_parent, wrap
 from host.messages import BoolArray, FloatArray, Positions, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 
 GATE_M = 0.12  # a candidate is the teammate this near: half of what robots keep apart
 _SEARCH_M = 0.5  # how far candidates are looked for, by which a wrong mounting is noticed

@@ -14,7 +14,7 @@ from host.config import Lidar
 from host.errors import UserError
 from host.geometry import Path, to_parent
 from host.messages import FloatArray, IntArray, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 
 NEAR_M = 0.1  # a teammate's turret lies no farther from the truth, once the mounting is right
 _HEADINGS = np.radians(np.arange(-180.0, 180.0, 10.0))

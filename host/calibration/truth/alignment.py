@@ -29,7 +29,7 @@ from host.calibration.truth.rates import (
 )
 from host.errors import UserError
 from host.messages import FloatArray
-from host.recording.named_columns import BodyPath
+from host.recording.elsewhere.named_columns import BodyPath
 
 _BLOCK_S = 3.0
 _WIDEST_S = 0.5  # from the best offset to others that fit as well; drift widens the peak

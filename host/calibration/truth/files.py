@@ -6,9 +6,9 @@ import numpy as np
 
 from host.drivers.natnet.protocol import Up, floor_poses
 from host.errors import UserError
-from host.recording.motive_csv import TakeBody, read_take
-from host.recording.named_columns import BodyPath, Units, read_paths
-from host.recording.text_table import read_rows
+from host.recording.elsewhere.motive_csv import TakeBody, read_take
+from host.recording.elsewhere.named_columns import BodyPath, Units, read_paths
+from host.recording.elsewhere.text_table import read_rows
 
 _LEVEL_M = 0.1  # by more, what drives on a floor does not rise
 

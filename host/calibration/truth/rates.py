@@ -11,7 +11,7 @@ from host.config import Mocap
 from host.errors import UserError
 from host.geometry import Path, to_parent
 from host.messages import Displacement, FloatArray
-from host.recording.named_columns import BodyPath
+from host.recording.elsewhere.named_columns import BodyPath
 
 STEP_S, WINDOW_S = 0.05, 0.2  # of the rates, and over how long each is taken
 MOVING = np.array([0.02, 0.05])  # m/s, rad/s: rms of a robot that moves

@@ -8,7 +8,7 @@ from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.wheels.model import Drive
 from host.calibration.wheels.verdict import BIN_S, LEAST_TURN_RAD, LEAST_WAY_M
 from host.errors import UserError
-from host.recording.optiodom import OptiodomRun
+from host.recording.elsewhere.optiodom import OptiodomRun
 
 _HOLE_S = 0.1  # ticks of a longer gap are lost
 _MARGIN_S = 1.0  # truth that goes with a drive whose stamps are late or early

@@ -9,7 +9,7 @@ import numpy as np
 from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import Bearings, IntArray
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.pictures.render import Renderer, Surroundings
 from host.simulation.pictures.sightings import Sightings, visible
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from host.config import Strip
 from host.messages import BoolArray, FloatArray
-from host.perception.strip_geometry import GREEN_RGB, MAGENTA_RGB
+from host.perception.strips.geometry import GREEN_RGB, MAGENTA_RGB
 from host.simulation.world.arena import TURRET_RADIUS_M
 
 Colour = tuple[float, float, float]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from host.messages import Displacement, FloatArray, Positions
-from host.recording.mrclam import Dataset
+from host.recording.elsewhere.mrclam import Dataset
 from host.systems.swarm_ukf.joint_map import Neighbours
 from host.systems.swarm_ukf.scoring import Event, SwarmScore, score_swarm
 from host.systems.swarm_ukf.swarm import SwarmSettings, SwarmUkf

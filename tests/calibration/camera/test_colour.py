@@ -12,9 +12,9 @@ from host.calibration.camera import colour as strip_colour
 from host.config import Cameras, Strip
 from host.errors import UserError
 from host.perception.jpeg_decoder import decode
-from host.perception.strip_geometry import StripGeometry
-from host.perception.strips import StripFinder
-from tests.perception.drawn_strips import background, draw_coat, draw_strip, encode, place
+from host.perception.strips.finder import StripFinder
+from host.perception.strips.geometry import StripGeometry
+from tests.perception.strips.drawn_strips import background, draw_coat, draw_strip, encode, place
 
 CAMERA = Cameras(strip=Strip(pattern="one_colour"))
 FRONT = CAMERA.front

@@ -8,7 +8,7 @@ from host.calibration.gathered import Gathered
 from host.config import RobotConfig
 from host.geometry import to_parent, wrap
 from host.messages import Bodies, FloatArray, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 from host.simulation.offline import Simulation
 from host.simulation.world.arena import Arena
 from host.simulation.world.camera import SimulatedCamera

@@ -17,7 +17,7 @@ from host.config import Lidar, RobotConfig
 from host.errors import UserError
 from host.geometry import Path
 from host.messages import Bodies, FloatArray, Positions, Scan
-from host.perception import turrets
+from host.perception.turrets import turrets
 from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse_scenario
 

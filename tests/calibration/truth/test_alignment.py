@@ -7,7 +7,7 @@ import pytest
 
 from host.calibration.truth.alignment import align_clocks
 from host.errors import UserError
-from host.recording.named_columns import BodyPath
+from host.recording.elsewhere.named_columns import BodyPath
 
 OFFSET_S, DRIFT, STEP_S = 31.7, 4e-4, 0.01
 

@@ -7,7 +7,7 @@ import pytest
 
 from host.calibration.truth.files import body_of, read_truth
 from host.errors import UserError
-from host.recording.named_columns import Units, units_of
+from host.recording.elsewhere.named_columns import Units, units_of
 
 PLAIN = "time,x,y,heading\n0.0,1.0,2.0,0.5\n0.1,1.5,2.0,0.6\n0.2,,,\n0.3,1.7,2.1,0.7\n"
 EXPORT = (

@@ -16,7 +16,7 @@ from host.config import Mocap, RobotConfig, Wheels
 from host.drivers.romeo.differential_drive import displacement
 from host.errors import UserError
 from host.messages import Bodies
-from host.recording import optiodom
+from host.recording.elsewhere import optiodom
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse_scenario
 from host.simulation.world.sensors import SimulatedEncoders

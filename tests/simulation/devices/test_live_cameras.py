@@ -15,7 +15,7 @@ from host.config import Camera, Cameras, RobotConfig
 from host.drivers.camera.driver import CameraDriver, Picture
 from host.drivers.camera.mjpeg import Splitter
 from host.messages import Health
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.devices.live_cameras import LiveCameras, PictureFeed
 from host.simulation.live import LiveSimulation
 from host.simulation.pictures.render import Surroundings

@@ -13,11 +13,11 @@ from host.config import Camera, Cameras, Strip
 from host.geometry import wrap
 from host.messages import Image
 from host.perception.lens import View
-from host.perception.strips import StripFinder
+from host.perception.strips.finder import StripFinder
 from host.simulation.pictures.render import Look, Renderer, Surroundings, frames
 from host.simulation.pictures.rooms import ROOMS
 from host.simulation.pictures.scenes import SCENES, scene_frames
-from tests.perception.drawn_strips import pixel_of, place
+from tests.perception.strips.drawn_strips import pixel_of, place
 
 RED = Cameras(strip=Strip(pattern="one_colour"))
 SMALL = Camera(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)

@@ -1,0 +1,196 @@
+"""What the calibrations share on the command line: options, data in, verdict and fit out."""
+
+import dataclasses
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from host.calibration import chain, robot_file
+from host.calibration.gathered import Gathered
+from host.calibration.report import html as report
+from host.calibration.report import text as figures
+from host.calibration.result import Calibration
+from host.cli import options
+from host.cli.calibrate import gathering
+from host.errors import UserError
+from host.recording.log import SUFFIX
+from host.sessions.gathering import Advice
+from host.sessions.truth_files import TruthFile
+
+_UNMOUNTED = (
+    "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "
+    "that, calibrate wheels first, which finds how it lies"
+)
+
+FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
+
+
+def fit_options(kind: str) -> Callable[[FC], FC]:
+    """The options that every fit has."""
+    choices = [
+        click.option(
+            "--robot",
+            "robot_path",
+            type=click.Path(path_type=Path, dir_okay=False),
+            metavar="FILE",
+            help="robot.toml to begin with, and to write the fit to.  [default: a Cherokey, "
+            "or the recording's, and nothing is written]",
+        ),
+        click.option(
+            "--simulate",
+            "scenario",
+            metavar="SCENARIO",
+            help="Without SOURCE: simulated devices instead of the robot's, as misbuilt4.",
+        ),
+        click.option(
+            "--seconds",
+            type=options.Seconds(1.0),
+            help="Without SOURCE: end after so long.  [default: at Ctrl-C]",
+        ),
+        click.option(
+            "--record",
+            type=click.Path(path_type=Path, dir_okay=False),
+            metavar="FILE",
+            help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.mcap]",
+        ),
+        click.option(
+            "--report",
+            "report_path",
+            type=click.Path(path_type=Path, dir_okay=False),
+            default=Path(f"calibration-{kind}.html"),
+            show_default=True,
+            metavar="FILE",
+            help="Report to write, with pictures.",
+        ),
+        click.option(
+            "--drive",
+            "drives",
+            is_flag=True,
+            help="Without SOURCE: the robot drives itself, until nothing is missing.",
+        ),
+        click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
+        options.json_option,
+        options.truth_options,
+    ]
+
+    def decorate(command: FC) -> FC:
+        for choice in reversed(choices):
+            command = choice(command)
+        return command
+
+    return decorate
+
+
+class Fitting:
+    """One calibration on the command line: where its data are, and where its fit goes."""
+
+    def __init__(
+        self,
+        robot_path: Path | None,
+        scenario: str | None,
+        seconds: float | None,
+        record: Path | None,
+        report_path: Path,
+        accept: bool,
+        json_path: Path | None,
+        truth: TruthFile | None = None,
+        drives: bool = False,
+    ) -> None:
+        self.robot_path = robot_path
+        self.truth = truth
+        self._live = (scenario, seconds, record)
+        self._drives = drives
+        self._report_path = report_path
+        self._accept = accept
+        self._json_path = json_path
+        self._warnings: tuple[str, ...] = ()
+        # At once: after a drive it would be too late.
+        if robot_path is not None:
+            robot_file.check_writable(robot_path)
+        options.check_writable(report_path)
+
+    def gather(
+        self,
+        source: str | None,
+        advice: Advice,
+        *,
+        mounted: bool = True,
+        lidar_serves: bool = False,
+    ) -> tuple[str, Gathered]:
+        """The data and their name: of a source, or of the devices where there is none.
+
+        mounted: whether the fit stands on how the tracked body lies on the robot; then there is a
+        warning where nobody has found that yet. lidar_serves: where there is no motion capture.
+        """
+        if source is None:
+            if self.truth is not None:
+                raise click.UsageError("--truth is for a recording: name it as SOURCE")
+            scenario, seconds, record = self._live
+            # A drive is work, and a fit may be refused: it is always recorded.
+            record = record or drive_name()
+            name, gathered = gathering.live(
+                self.robot_path,
+                scenario,
+                seconds,
+                record,
+                advice,
+                not lidar_serves,
+                drives=self._drives,
+            )
+            click.echo(f"recorded in {record}", err=True)
+        else:
+            self.check_source()
+            name, gathered = source, gathering.from_source(source, self.robot_path, self.truth)
+        mocap = gathered.config.mocap
+        if mounted and gathered.bodies and not (mocap.x_m or mocap.y_m or mocap.heading_rad):
+            self._warnings = (_UNMOUNTED,)
+        click.echo("fitting ...", err=True)
+        return name, gathered
+
+    def check_source(self) -> None:
+        """Raise a usage error for options that a source leaves no use for."""
+        if self._drives or any(option is not None for option in self._live):
+            raise click.UsageError(
+                "--simulate, --seconds, --record and --drive are for a drive, not SOURCE"
+            )
+
+    def conclude(self, calibration: Calibration, source: str, **more: Any) -> dict[str, Any]:
+        """Show the verdict, write report and figures, and robot.toml where the fit is good.
+
+        Gives the figures. Raises UserError where it is not, unless it was accepted beforehand.
+        """
+        warnings = (*calibration.warnings, *self._warnings)
+        calibration = dataclasses.replace(calibration, warnings=warnings)
+        date = datetime.date.today().isoformat()
+        robot = "a Cherokey" if self.robot_path is None else str(self.robot_path)
+        content = {**figures.as_json(calibration, source, date), **more}
+        options.write_json(self._json_path, content)
+        report.write_html(self._report_path, calibration, source, date, robot)
+        click.echo(figures.as_text(calibration))
+        click.echo(f"report: {self._report_path}")
+        if calibration.failures and not self._accept:
+            raise UserError(
+                f"the {calibration.kind} calibration is refused; nothing is written",
+                calibration.failures[0],
+                "fix the failed checks, or pass --accept",
+            )
+        if self.robot_path is None:
+            click.echo("nothing is written: name your robot.toml with --robot")
+            return content
+        if not calibration.new_settings():
+            return content
+        note = f"{calibration.kind} calibrated {date} from {source}: {calibration.residuals}"
+        robot_file.update(self.robot_path, calibration.new_settings(), note)
+        known = chain.load(self.robot_path)
+        known.take(calibration)
+        chain.save(self.robot_path, known)
+        click.echo(f"written to {self.robot_path}")
+        return content
+
+
+def drive_name() -> Path:
+    """Where a drive is recorded that nobody named."""
+    return Path(f"drive-{datetime.datetime.now():%Y%m%d-%H%M%S}{SUFFIX}")

@@ -1,0 +1,112 @@
+"""A recording shown on the screen and the page, at the pace that a person asks for."""
+
+import contextlib
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from host.cli.terminal.console import FRAME_S, Console, State
+from host.cli.terminal.signals import signals_caught
+from host.messages import (
+    Bearings,
+    Displacement,
+    Estimate,
+    Measurement,
+    Message,
+    Positions,
+    Truth,
+)
+from host.pipeline import Now
+from host.sessions.replaying import Replayed
+from host.viewer.playback import Playback, SeekBackError
+from host.viewer.server import Viewer
+
+
+class EndedError(Exception):
+    """A signal to end came."""
+
+
+class Player:
+    """Shows messages on the screen and the page when the playback comes to them."""
+
+    def __init__(
+        self,
+        console: Console,
+        playback: Playback,
+        viewer: Viewer | None,
+        ended: Callable[[], bool],
+    ) -> None:
+        self._console, self._playback, self._viewer = console, playback, viewer
+        self._ended = ended
+        self._next_frame = time.monotonic()
+        self._estimate: Estimate | None = None
+        self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
+
+    def take(self, message: Message | None, made: Sequence[Estimate]) -> None:
+        """Wait until a message is due, then show it and what was made of it."""
+        if isinstance(message, Displacement):  # they come all the time, and at once
+            self._playback.reach(message.time, self.show)
+            if time.monotonic() >= self._next_frame:
+                self.show()
+        if isinstance(message, Truth):
+            self._truths.append(message)
+        if message is not None:
+            self._console.take(message)
+            if self._viewer is not None:
+                self._viewer.take(message)
+        if made:
+            self._estimate = made[-1]
+            self._playback.estimated()
+        if message is None:
+            self.show()
+
+    def used(self, measurement: Measurement, readings: Positions | Bearings) -> None:
+        """Show what was found in a measurement, too."""
+        if self._viewer is not None:
+            self._viewer.take(readings)
+
+    def show(self) -> None:
+        """The newest estimate, with the truth that is closest to it in time, before or after.
+
+        Raises EndedError after a signal to end.
+        """
+        if self._ended():
+            raise EndedError
+        self._next_frame = time.monotonic() + FRAME_S / 2.0
+        if self._estimate is not None:
+            moment = self._estimate.time
+            truth = min(self._truths, key=lambda each: abs(each.time - moment), default=None)
+            now = Now(self._estimate, moment, truth)
+            self._console.look(now)
+            if self._viewer is not None:
+                self._viewer.look(now)
+        self._console.draw()
+
+
+def play(
+    replay_once: Callable[[Player], Replayed],
+    playback: Playback,
+    state: State,
+    viewer: Viewer | None,
+) -> Replayed | None:
+    """Replay on the screen and the page, until its end or a signal; None before a first end.
+
+    With a page it rests at the end, and begins anew where that is asked for.
+    """
+    replayed = None
+    console = Console(state, sys.stdout)
+    with contextlib.closing(console), signals_caught() as ended:
+        while True:
+            player = Player(console, playback, viewer, ended)
+            try:
+                replayed = replay_once(player)
+                if viewer is None:
+                    return replayed
+                playback.rest(player.show)
+            except SeekBackError:
+                playback.begin_anew()
+                if viewer is not None:
+                    viewer.clear()
+            except EndedError:
+                return replayed

@@ -1,0 +1,168 @@
+"""What a thing is and how it moves: obstacle, or teammate that stands, moves or cruises.
+
+A Markov chain over discrete modes, mixed as in the interacting multiple model filter (Blom and
+Bar-Shalom 1988). Whatever stands is in the same place, so there are three Gaussians of position and
+velocity: of the modes that stand still, of moving, of cruising. The velocity is an
+Ornstein-Uhlenbeck process: it is kept for a while and forgotten.
+"""
+
+import math
+
+import numpy as np
+
+from host.config import PmbSettings
+from host.estimator.gaussians.moving_gaussians import (
+    PVXVX,
+    PVYVY,
+    PXVX,
+    PXX,
+    PYVY,
+    PYY,
+    ROWS,
+    VX,
+    Y,
+    add_odometry_noise,
+    into_frame,
+    mix,
+    propagate,
+)
+from host.messages import Displacement, FloatArray
+
+OBSTACLE, PARKED, STANDING, MOVING, CRUISING = range(5)
+MODES = 5
+TEAMMATE = slice(1, 5)
+STILL, MOTIONS = 0, 3  # of the Gaussians
+MOTION_OF = np.array([0, 0, 0, 1, 2])  # the Gaussian of each mode
+
+_IN_MOTION = (np.arange(MOTIONS)[:, None] == MOTION_OF).astype(np.float64)
+
+# From mode to mode, 1/s. The chain has neighbours only, so its eigenvalues are real. A parked
+# robot stands for minutes, as an obstacle does for ever: lest standing long speak for an obstacle.
+_RATES = np.array(
+    [
+        [0.0, 1e-4, 0.0, 0.0, 0.0],
+        [1e-5, 0.0, 0.01, 0.0, 0.0],
+        [0.0, 0.01, 0.0, 0.7, 0.0],
+        [0.0, 0.0, 0.7, 0.0, 3.0],
+        [0.0, 0.0, 0.0, 0.7, 0.0],
+    ]
+)
+_AT_BIRTH = np.array([0.1, 0.1, 0.33, 0.47])  # of teammates, the share in each of their modes
+# Of each motion: acceleration noise m²/s³ and correlation time s of the velocity.
+_NOISE, _TIMES = (0.0, 0.05, 0.0005), (1.0, 3.0, 20.0)
+_STAYS = np.tile(np.diag([1.0, 1.0, 0.0, 0.0]), (MOTIONS, 1, 1))  # F of what stands still
+_LEAST_FLOW = 1e-30  # keeps the Gaussian of a motion that is ruled out
+
+
+class ThingModes:
+    """The chain of modes and the motion in each.
+
+    n things are their Gaussians, rows (ROWS, MOTIONS, n), and the weights (MODES, n) of their
+    modes: the probability that the thing is there and in that mode.
+    """
+
+    def __init__(self, settings: PmbSettings) -> None:
+        self._speed_variance = settings.speed_mps**2
+        self._noise = [q * (settings.speed_mps / 0.2) ** 2 for q in _NOISE]
+        generator = _RATES - np.diag(_RATES.sum(axis=1))
+        self._eigenvalues, self._vectors = np.linalg.eig(generator)
+        self._inverse = np.linalg.inv(self._vectors)
+
+    def predict(
+        self, rows: FloatArray, weights: FloatArray, motion: Displacement
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mix the modes, move each on, and take all into the robot's new frame: rows, weights."""
+        rows, weights = self._mixed(rows, weights, motion.interval)
+        transitions, noise = self._steps(motion.interval)
+        rows[: Y + 1] -= np.array([motion.dx, motion.dy])[:, None, None]
+        propagate(rows, into_frame(motion) @ transitions, noise)
+        add_odometry_noise(rows, motion)
+        return rows, weights
+
+    def _mixed(
+        self, rows: FloatArray, weights: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Interaction: each motion becomes the mixture of what may have changed into it.
+
+        What starts to move has any velocity of the usual size; what stops has none.
+        """
+        chances = np.maximum((self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse, 0.0)
+        # The probability that flows from motion to motion, of the modes that it flows from.
+        flows = _IN_MOTION[:, None] * (_IN_MOTION @ chances.T)
+        shares = flows.reshape(-1, MODES) @ weights
+        shares[:: MOTIONS + 1] += _LEAST_FLOW
+        shares = shares.reshape(MOTIONS, MOTIONS, -1)
+        shares /= shares.sum(axis=0)
+        rows[[PVXVX, PVYVY], STILL] = self._speed_variance
+        mixed = mix(rows, shares)
+        mixed[VX : VX + 2, STILL] = 0.0
+        mixed[PXVX:, STILL] = 0.0
+        return mixed, chances.T @ weights
+
+    def _steps(self, dt: float) -> tuple[FloatArray, FloatArray]:
+        """F (MOTIONS, 4, 4) and the entries of Q (10, MOTIONS) over dt s."""
+        transitions, noise = _STAYS.copy(), np.zeros((10, MOTIONS))
+        for motion in range(1, MOTIONS):
+            time, q = _TIMES[motion], self._noise[motion]
+            kept = math.exp(-dt / time)
+            moved = time * (1.0 - kept)
+            half = 0.5 * time * (1.0 - kept * kept)
+            transitions[motion] = [
+                [1, 0, moved, 0],
+                [0, 1, 0, moved],
+                [0, 0, kept, 0],
+                [0, 0, 0, kept],
+            ]
+            place, both, velocity = (
+                q * time**2 * (dt - 2.0 * moved + half),
+                0.5 * q * moved**2,
+                q * half,
+            )
+            noise[:, motion] = [place, 0, place, both, 0, 0, both, velocity, 0, velocity]
+        return transitions, noise
+
+    def born(
+        self,
+        positions: FloatArray,
+        covariances: FloatArray,
+        lags: FloatArray | float,
+        teammate: FloatArray,
+        obstacle: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Things that were at positions (m, 2) `lags` s ago: rows, weights.
+
+        teammate, obstacle (m,): weights of either class. What moves may have any velocity.
+        """
+        rows = np.zeros((ROWS, MOTIONS, len(positions)))
+        rows[: Y + 1] = positions.T[:, None]
+        rows[PXX : PYY + 1] = covariances.reshape(-1, 4).T.take((0, 1, 3), axis=0)[:, None]
+        variance = self._speed_variance
+        for place, both, velocity in ((PXX, PXVX, PVXVX), (PYY, PYVY, PVYVY)):
+            rows[place, 1:] += lags * lags * variance
+            rows[both, 1:] = lags * variance
+            rows[velocity, 1:] = variance
+        weights = np.empty((MODES, len(positions)))
+        weights[OBSTACLE] = obstacle
+        weights[TEAMMATE] = _AT_BIRTH[:, None] * teammate
+        return rows, weights
+
+
+def by_motion(weights: FloatArray) -> FloatArray:
+    """Weights (MOTIONS, n) of the Gaussians, from those of the modes, with or without OBSTACLE."""
+    summed = weights[-MOTIONS:].copy()
+    summed[STILL] = weights[: 1 - MOTIONS].sum(axis=0)
+    return np.asarray(summed)
+
+
+def mixture(rows: FloatArray, weights: FloatArray) -> FloatArray:
+    """Position of the mixture over all motions: (6, n), rows as in `gaussian_mixture`.
+
+    weights (MOTIONS, n).
+    """
+    total = weights.sum(axis=0)
+    shares = weights / np.maximum(total, 1e-300)
+    positions = rows[: Y + 1]
+    mean = (shares * positions).sum(axis=1)
+    off = positions - mean[:, None]
+    spread = rows[PXX : PYY + 1] + off.take((0, 0, 1), axis=0) * off.take((0, 1, 1), axis=0)
+    return np.concatenate((mean, (shares * spread).sum(axis=1), total[None]))

@@ -1,0 +1,107 @@
+"""The Bernoullis of the PMB filter: things that may be there, with what is kept of each.
+
+n things are their Gaussians, rows (ROWS, MOTIONS, n), and the weights (MODES, n) of their modes:
+the probability that the thing is there and in that mode. Beside them `tracks` (4, n): when the
+lidar last placed it (s) and with which variance (m²), when a picture last had it in view (s), and
+its label (0 until it is reported).
+"""
+
+import math
+
+import numpy as np
+
+from host.estimator.gaussians.duplicates import duplicates
+from host.estimator.gaussians.gaussian_mixture import ROWS as MIXTURE_ROWS
+from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.moving_gaussians import PLACE, ROWS, Y
+from host.estimator.things.thing_modes import MODES, MOTIONS, STILL, TEAMMATE, by_motion, mixture
+from host.messages import FloatArray, IntArray
+
+SEEN, VARIANCE, PICTURED, LABEL = range(4)
+_LEAST_EXISTENCE = 3e-3  # below this a thing is dropped
+LIKELY = 0.05  # what is less surely there duplicates nothing yet ...
+_AGAIN_S = 0.4  # ... and is dropped if it was never reported and not seen for so long
+
+
+class Things:
+    """All Bernoullis. Whoever changes rows or weights calls `changed`."""
+
+    def __init__(self) -> None:
+        self.rows, self.weights = np.zeros((ROWS, MOTIONS, 0)), np.zeros((MODES, 0))
+        self.tracks = np.zeros((4, 0))
+        self.whole = np.zeros((MIXTURE_ROWS, 0))  # each as one Gaussian, whatever it is
+        self._teammates: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return self.weights.shape[1]
+
+    def changed(self) -> None:
+        """Work out again what depends on rows and weights."""
+        self.whole = mixture(self.rows, by_motion(self.weights))
+        self._teammates = None
+
+    def teammates(self) -> FloatArray:
+        """Each thing as a teammate, as one Gaussian (6, n)."""
+        if self._teammates is None:
+            self._teammates = mixture(self.rows, by_motion(self.weights[TEAMMATE]))
+        return self._teammates
+
+    def standing(self, least: float) -> tuple[IntArray, FloatArray]:
+        """Indices (k,) of those that stand still with at least this probability, where: (6, k)."""
+        still = by_motion(self.weights)[STILL]
+        there = (still > least).nonzero()[0]
+        places = self.rows[PLACE, STILL].take(there, axis=1)
+        return there, np.concatenate((places, still.take(there)[None]))
+
+    def bear(
+        self,
+        rows: FloatArray,
+        weights: FloatArray,
+        seen: float,
+        variances: FloatArray,
+        pictured: float = -math.inf,
+    ) -> None:
+        """Add those newborn (m,) that are not hardly there; drop the others that are.
+
+        seen s, variances (m,) m²: of the readings they are born of; pictured s: of the picture.
+        """
+        new = (weights.sum(axis=0) > _LEAST_EXISTENCE).nonzero()[0]
+        tracks = np.zeros((4, len(new)))
+        tracks[SEEN], tracks[PICTURED], tracks[VARIANCE] = seen, pictured, variances.take(new)
+        fading = (self.tracks[SEEN] < seen - _AGAIN_S) & (self.tracks[LABEL] == 0.0)
+        least = np.where(fading, LIKELY, _LEAST_EXISTENCE)
+        self._keep((self.weights.sum(axis=0) > least).nonzero()[0])
+        self.rows = np.concatenate((self.rows, rows.take(new, axis=2)), axis=2)
+        self.weights = np.concatenate((self.weights, weights.take(new, axis=1)), axis=1)
+        self.tracks = np.concatenate((self.tracks, tracks), axis=1)
+        self.changed()
+
+    def merge_duplicates(self) -> None:
+        """Of two hypotheses of one thing the newer stays, with both weights and the older's label.
+
+        They are exclusive: a reading belongs to one of them.
+        """
+        tracks, there = self.tracks, self.whole[TOTAL]
+        likely = (there > LIKELY).nonzero()[0]
+        gone, kept = duplicates(
+            self.whole[: Y + 1].take(likely, axis=1),
+            tracks[VARIANCE].take(likely),
+            tracks[SEEN].take(likely),
+            there.take(likely),
+        )
+        if not len(gone):
+            return
+        gone, kept = likely.take(gone), likely.take(kept)
+        both = np.minimum(there + np.bincount(kept, there.take(gone), len(there)), 1.0)
+        self.weights *= both / np.maximum(there, 1e-300)
+        self.whole[TOTAL] = both
+        labels = np.where(tracks[LABEL] > 0.0, tracks[LABEL], math.inf)
+        np.minimum.at(labels, kept, labels.take(gone))
+        tracks[LABEL] = np.where(labels < math.inf, labels, 0.0)
+        stay = np.delete(np.arange(len(there)), gone)
+        self._keep(stay)
+        self.whole = self.whole.take(stay, axis=1)
+
+    def _keep(self, kept: IntArray) -> None:
+        self.rows, self.weights = self.rows.take(kept, axis=2), self.weights.take(kept, axis=1)
+        self.tracks = self.tracks.take(kept, axis=1)

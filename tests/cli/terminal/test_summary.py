@@ -1,0 +1,106 @@
+"""What a person reads after a run: counts, figures with units, or the reason there are none."""
+
+import re
+
+from host.cli.terminal.summary import summary
+from host.messages import Health
+from host.sessions.figures import Tally, timing
+
+
+def test_a_summary_has_counts_or_the_reason_there_are_none():
+    tally = Tally()
+    tally.take(Health(1.0, "lidar", True, "scanning", {"revolutions": 7, "revolutions_torn": 0}))
+    tally.take(Health(1.0, "board", False, "not found\nplug it in", {"frames": 0}))
+    assert told({"seconds": 3.0, **tally.figures(), "devices": tally.devices()}) == {
+        "time": "3.0 s",
+        "updates": "none: nothing was measured",
+        "lidar": "7 revolutions",
+        "board": "DOWN: not found; plug it in",
+    }
+
+
+def told(figures):
+    """The lines of a summary by what stands first on them, after checks of its form."""
+    lines = summary(figures).splitlines()
+    assert lines[0] == "Summary"
+    assert max(map(len, lines)) <= 80
+    unfolded = re.sub(r"\n {6,}", " ", "\n".join(lines[1:]))
+    return dict(line.split(maxsplit=1) for line in unfolded.splitlines())
+
+
+RUN = {
+    "seconds": 12.1,
+    "updates": 201,
+    "teammates_reported": 2.731,
+    "teammates_in_range": 2.841,
+    "mean_error_mm": 45.192,
+    "updates_per_s": 16.6,
+    "update_ms_median": 0.552,
+    "update_ms_p99": 4.638,
+    "latency_ms": {
+        "lidar": {"median": 21.6, "p99": 40.2},
+        "camera": {"median": 151.0, "p99": 162.0},
+    },
+    "cpu_share_of_one_core": 0.22,
+    "devices": {},
+}
+
+
+def test_a_run_is_told_in_words_with_units():
+    assert told(RUN) == {
+        "time": "12.1 s",
+        "teammates": "2.7 reported on average, 2.8 truly within 2.0 m (simulation)",
+        "error": "45 mm mean, of reports that belong to a teammate",
+        "updates": "201 (16.6/s), 0.55 ms median, 4.6 ms p99",
+        "latency": "lidar 22 ms median, 40 ms p99; camera 151 ms median, 162 ms p99",
+        "load": "0.22 of one core",
+    }
+    assert told({**RUN, "mean_error_mm": None})["error"].startswith("unknown")
+
+
+def test_a_replay_is_told_with_its_score():
+    figures = {
+        "seconds": 6.9,
+        "times_real_time": 9.7,
+        "updates": 118,
+        "teammates_reported": 2.695,
+        **timing([0.001]),
+        "gospa_m": 0.389,
+        "localisation_m": 0.054,
+        "missed": 0.786,
+        "false": 0.429,
+        "rmse_m": 0.038,
+        "devices": {},
+        "recorded_estimates": "118 bit-identical, 0 different from the recorded",
+        "recording": "its last line is torn: the run was cut short",
+    }
+    assert told(figures) == {
+        "time": "6.9 s, replayed 9.7 times as fast",
+        "teammates": "2.7 reported on average",
+        "error": "38 mm RMSE, of reports that belong to a teammate",
+        "score": "GOSPA 0.389 m (localisation 54 mm), 0.79 missed, 0.43 false a scan",
+        "updates": "118, 1.00 ms median, 1.0 ms p99",
+        "estimates": "118 bit-identical, 0 different from the recorded",
+        "recording": "its last line is torn: the run was cut short",
+    }
+    assert told({**figures, "rmse_m": None})["error"].startswith("unknown")
+    unscored = dict.fromkeys(("gospa_m", "localisation_m", "missed", "false", "rmse_m"))
+    lines = told({**figures, **unscored})
+    assert lines["score"].startswith("none")
+    assert "error" not in lines
+
+
+def test_counts_of_devices_are_words_and_one_is_singular():
+    counts = {
+        "replies": 1,
+        "packets": 1,
+        "points_lost": 1,
+        "revolutions": 2,
+        "late": 3,
+        "busy_ms": 4,
+    }
+    device = {"ok": True, "reason": "scanning", "counts": counts}
+    lost = {"ok": False, "reason": "it is gone", "counts": {"connections": 2}}
+    lines = told({**RUN, "devices": {"lidar": device, "board": lost}})
+    assert lines["lidar"] == "1 reply, 1 packet, 1 point lost, 2 revolutions, 3 late, 4 ms busy"
+    assert lines["board"] == "DOWN: it is gone (2 connections)"
