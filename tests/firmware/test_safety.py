@@ -64,7 +64,7 @@ def test_motors_go_off_when_the_host_says_nothing_more(board: ElfBoard) -> None:
 
 
 def test_motors_go_off_in_the_31st_period_of_the_control(board: ElfBoard) -> None:
-    """300 to 310 ms after the last command, by where in a 10 ms period of the control it comes."""
+    """150 to 160 ms after the last command, by where in a 10 ms period of the control it comes."""
     seconds_until_off(board)  # a period begins, to a step
     for phase_s in (0.001, 0.003, 0.005, 0.007):
         board.send(encode(VelocityFrame(2000, -2000)))
