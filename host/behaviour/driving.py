@@ -157,10 +157,12 @@ def moved(estimate: Estimate, seen_from: FloatArray, pose: FloatArray, time: flo
 
     seen_from (3,): the pose of its own time. Teammates stand still in between.
     """
-    turned = rotation(float(seen_from[2] - pose[2]))
+    rotated_by = float(seen_from[2] - pose[2])
+    turned = rotation(rotated_by)
+    origin = np.array([*to_frame(seen_from[:2], pose), rotated_by])
 
     def carried(points: FloatArray) -> FloatArray:
-        return to_frame(to_parent(points, seen_from), pose)
+        return to_parent(points, origin)
 
     return dataclasses.replace(
         estimate,

@@ -76,10 +76,12 @@ class Safety:
         if command.speed_mps == 0.0:
             return command
         things, limits = self._things(now)
+        if not len(things):
+            return command
         for speed in (command.speed_mps * _SHARES).tolist():
             stop_m = abs(speed) * REACTION_S + speed**2 / (2.0 * self._braking)
             places = arc(speed, command.turn_rate_radps, stop_m)
-            apart = np.hypot(*np.moveaxis(places[:, None] - things, 2, 0))
+            apart = np.hypot(*(places[:, None] - things).transpose(2, 0, 1))
             if np.all(apart >= limits):
                 return Command(speed, command.turn_rate_radps)
         self.halt = "something is in the way"

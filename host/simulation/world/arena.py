@@ -151,9 +151,11 @@ class Arena:
         last = self._steps - 1
         before = np.minimum(index.astype(np.intp), max(last - 1, 0) if self._wheelworks else last)
         after = np.minimum(before + 1, last)
-        share = (index - before)[:, None, None]
-        begin, end = self._history[before - self._first], self._history[after - self._first]
-        poses: FloatArray = (1.0 - share) * begin + share * end
+        begin = self._history.take(before - self._first, axis=0)
+        poses: FloatArray = self._history.take(after - self._first, axis=0)
+        poses -= begin
+        poses *= (index - before)[:, None, None]
+        poses += begin
         return poses
 
     def track(self, robot: int, first_step: int) -> FloatArray:

@@ -1,13 +1,16 @@
 """Where a lidar's beams meet a square room, cylinders and boxes; plain geometry, no noise."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from host.drivers.x4.packets import CROSSING_M, EMITTER_OFFSET_M
-from host.geometry import to_frame, to_parent
+from host.geometry import columns, to_frame, to_parent
 from host.messages import FloatArray, IntArray
+
+_INWARDS_M = math.hypot(EMITTER_OFFSET_M, CROSSING_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +43,8 @@ def straight_beams(
     raw_angles: FloatArray, poses: FloatArray, mounting: tuple[float, float, float]
 ) -> Beams:
     """Return beams that start at the lidar's axis and go straight outwards."""
-    x, y, heading = mounting
-    centres = to_parent(np.tile((x, y), (len(poses), 1)), poses)
-    ahead = poses[:, 2] + heading - raw_angles
-    return Beams(centres, centres, np.stack((np.cos(ahead), np.sin(ahead)), axis=1))
+    centres, ahead = _axes_and_bearings(raw_angles, poses, mounting)
+    return Beams(centres, centres, columns(np.cos(ahead), np.sin(ahead)))
 
 
 def x4_beams(
@@ -55,15 +56,19 @@ def x4_beams(
     axis and looks inwards: in the frame rotated by the raw angle, x along it and y clockwise, the
     beam is the line y = 21.8 - x 21.8 / 155.3, in mm.
     """
-    x, y, heading = mounting
-    centres = to_parent(np.tile((x, y), (len(poses), 1)), poses)
-    ahead = poses[:, 2] + heading - raw_angles
+    centres, ahead = _axes_and_bearings(raw_angles, poses, mounting)
     cosine, sine = np.cos(ahead), np.sin(ahead)
-    along = np.stack((cosine, sine), axis=1)
-    clockwise = np.stack((sine, -cosine), axis=1)
-    inwards = np.hypot(EMITTER_OFFSET_M, CROSSING_M)
-    directions = (CROSSING_M * along - EMITTER_OFFSET_M * clockwise) / inwards
+    clockwise = columns(sine, -cosine)
+    directions = (CROSSING_M * columns(cosine, sine) - EMITTER_OFFSET_M * clockwise) / _INWARDS_M
     return Beams(centres, centres + EMITTER_OFFSET_M * clockwise, directions)
+
+
+def _axes_and_bearings(
+    raw_angles: FloatArray, poses: FloatArray, mounting: tuple[float, float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Where the lidar's axis is (k, 2) m at each sample, and which way (k,) rad it looks."""
+    x, y, heading = mounting
+    return to_parent(np.array((x, y)), poses), poses[:, 2] + heading - raw_angles
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +99,9 @@ def meet_cylinders(beams: Beams, axes: FloatArray, radius: float | FloatArray) -
     along = ux * x + uy * y
     off = ux * y - uy * x
     inside = radius**2 - off**2
-    met = (inside > 0.0) & (along > 0.0)
-    distances = np.where(met, along - np.sqrt(np.maximum(inside, 0.0)), np.inf)
+    beam, axis = np.nonzero((inside > 0.0) & (along > 0.0))
+    distances = np.full(along.shape, np.inf)
+    distances[beam, axis] = along[beam, axis] - np.sqrt(inside[beam, axis])
     index = np.argmin(distances, axis=1)
     each = np.arange(count)
     return CylinderHits(distances[each, index], np.abs(off[each, index]), index)

@@ -60,6 +60,8 @@ class SimulatedLidar:
         self._radii = np.full(len(self._others) + len(self._standing), TURRET_RADIUS_M)
         self._radii[len(self._others) + len(arena.posts) :] = arena.furniture.leg_radii
         self._pillars = config.blind_sectors
+        self._pillar_centres = np.array([[p.centre_rad] for p in self._pillars])
+        self._pillar_halves = np.array([[0.5 * p.width_rad] for p in self._pillars])
         self._beams = beams
         self._scenario = scenario
         own = robots_own(observer)
@@ -83,9 +85,10 @@ class SimulatedLidar:
         poses = self._arena.poses(times)
         own = poses[:, self._observer]
         beams = self._beams(raw_angles, own, self._mounting)
-        turrets = poses[:, self._others, :2]
-        standing = np.broadcast_to(self._standing, (len(times), *self._standing.shape))
-        hits = meet_cylinders(beams, np.concatenate((turrets, standing), axis=1), self._radii)
+        axes = np.empty((len(times), len(self._radii), 2))
+        axes[:, : len(self._others)] = poses[:, self._others, :2]
+        axes[:, len(self._others) :] = self._standing
+        hits = meet_cylinders(beams, axes, self._radii)
         flat, lost = self._flat(beams)
         on_flat = flat < hits.distances
         distances = np.where(on_flat, flat, hits.distances)
@@ -126,11 +129,13 @@ class SimulatedLidar:
         return np.where(on_box, boxes.distances, walls.distances), lost
 
     def _behind_pillar(self, beams: Beams, distances: FloatArray, own: FloatArray) -> BoolArray:
+        if not self._pillars:
+            return np.zeros(len(distances), dtype=bool)
         x, y = (beams.points(distances) - beams.centres).T
         bearings = np.arctan2(y, x) - own[:, 2]
-        hidden: BoolArray = np.zeros(len(bearings), dtype=bool)
-        for pillar in self._pillars:
-            hidden |= np.abs(wrap(bearings - pillar.centre_rad)) < 0.5 * pillar.width_rad
+        hidden: BoolArray = np.any(
+            np.abs(wrap(bearings - self._pillar_centres)) < self._pillar_halves, axis=0
+        )
         return hidden
 
     def _disturbed(self, times: FloatArray, beams: Beams, poses: FloatArray) -> BoolArray:
@@ -138,17 +143,20 @@ class SimulatedLidar:
 
         Both spin at nearly the same rate, so nulls come and go with the slow beat of the two.
         """
+        disturbed: BoolArray = np.zeros(len(times), dtype=bool)
         width = math.cos(math.radians(self._scenario.interference_deg))
-        offset = poses[:, self._others, :2] - beams.centres[:, None]
-        toward = offset / np.hypot(offset[..., 0], offset[..., 1])[..., None]
-        aimed = np.einsum("kmd,kd->km", toward, beams.directions) > width
+        x = poses[:, self._others, 0] - beams.centres[:, :1]
+        y = poses[:, self._others, 1] - beams.centres[:, 1:]
+        distances = np.hypot(x, y)
+        aimed = x * beams.directions[:, :1] + y * beams.directions[:, 1:] > width * distances
         sample, other = np.nonzero(aimed)
+        if not len(sample):
+            return disturbed
         robot = self._others[other]
         spun = 2.0 * math.pi * self._spin_hz[robot] * times[sample] + self._spin_start[robot]
         angle = poses[sample, robot, 2] - spun
-        x, y = toward[sample, other].T
-        back = -(x * np.cos(angle) + y * np.sin(angle)) > width
-        disturbed: BoolArray = np.zeros(len(times), dtype=bool)
+        along = x[sample, other] * np.cos(angle) + y[sample, other] * np.sin(angle)
+        back = -along > width * distances[sample, other]
         disturbed[sample[back]] = True
         return disturbed
 
