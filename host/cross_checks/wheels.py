@@ -14,6 +14,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.geometry import Path, wrap
 from host.messages import FloatArray, Scan
+from host.perception.odometry_gains import arc_of
 from host.perception.scan_match import FEWEST_RETURNS, Surroundings, returns_of
 
 _INTERVAL_S = (1.0, 1.6)  # between two scans that are compared
@@ -148,10 +149,7 @@ def _within(motion: FloatArray, distance: float, angle: float) -> bool:
 
 def wheel_travel(motion: FloatArray, half_track: float) -> FloatArray:
     """How far (left, right) m the wheels rolled for a motion (3,) along one arc."""
-    x, y, rotation = motion
-    half = 0.5 * rotation
-    along = x * math.cos(half) + y * math.sin(half)  # chord; signed
-    travel = along / np.sinc(half / math.pi)
+    travel, rotation = arc_of(motion)
     return np.array([travel - half_track * rotation, travel + half_track * rotation])
 
 
