@@ -33,6 +33,7 @@ from host.perception.turrets import turrets
 AnyReadings = TypeVar("AnyReadings", bound=Positions | Bearings)
 
 _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
+_SILENT_S = 0.5  # odometry that says nothing for so long has ended: nobody waits for it any more
 _TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
 _ALONE_S = 2.0  # without a measurement for so long the filter follows the odometry
 _LEAP_S = 10.0  # a message further ahead of all others is believed once a second one agrees
@@ -73,6 +74,7 @@ class Localizer:
         self._waiting: list[tuple[float, int, Measurement]] = []
         self._count = 0
         self._time = -math.inf  # of the filter
+        self._first = math.inf  # time of the first message
         self._newest = -math.inf  # time of the newest message
         self._leapt = -math.inf  # time of a message that was too far ahead
         self.measured = -math.inf  # time of the newest measurement that was used
@@ -86,6 +88,7 @@ class Localizer:
         if wrong is not None:
             self._drop(wrong)
             return []
+        self._first = min(self._first, message.time)
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
             self._path.append(self.odometry.corrected(message))
@@ -127,6 +130,9 @@ class Localizer:
         return f"{type(message).__name__}: its time is {ahead:.1f} s ahead of all before it"
 
     def _until(self) -> float:
+        """Up to which time measurements wait for odometry no longer."""
+        if self._newest - max(self._path.end, self._first) > _SILENT_S:
+            return self._newest
         return max(self._path.end, self._newest - _PATIENCE_S)
 
     def _follow(self) -> list[Estimate]:

@@ -132,6 +132,16 @@ def test_a_measurement_waits_for_its_odometry_but_not_for_ever() -> None:
     assert [m.time for m in notes.measured] == [1.0, 1.1]
 
 
+def test_nothing_waits_for_odometry_that_has_ended() -> None:
+    ours, notes = localizer()
+    handle_all(ours, DRIVE.displacements(1.0))
+    assert ours.handle(positions_at(1.45)) == []  # it could still come
+    assert len(ours.handle(positions_at(1.55))) == 2
+    assert len(ours.handle(positions_at(1.6))) == 1
+    assert len(ours.handle(bearings_at(1.5))) == 1  # late, as pictures are
+    assert len(notes.measured) == 4
+
+
 def test_the_filter_is_told_the_motion_between_measurements() -> None:
     ours, notes = localizer()
     times = [0.11, 0.25, 0.25, 0.6, 0.93]
@@ -227,7 +237,7 @@ def test_without_any_odometry_a_standing_robot_sees_its_teammates() -> None:
     estimates: list[Estimate] = []
     for k in range(30):
         seen = Bearings(k / 7.0 + 0.05, np.arctan2(places[:, 1], places[:, 0]), np.full(2, 0.008))
-        estimates += handle_each(ours, [take_turn(scene, start=k / 7.0), seen])
+        estimates += handle_each(ours, [seen, take_turn(scene, start=k / 7.0)])
     estimates += ours.finish()
     times = [k / 7.0 + lag for k in range(30) for lag in (0.05, 0.1426)]
     assert [e.time for e in estimates] == pytest.approx(times)

@@ -2,7 +2,7 @@
 
     python -m tools.soak --minutes 30 --speed 4
 
-One process simulates the devices, another runs the robot with its recording and its page, both on a
+Two processes simulate the devices, another runs the robot with its recording and its page, all on a
 clock that is `speed` times as fast. Lidar and board are unplugged in turn, their lines stall and
 bring garbage, every few seconds; the cameras live, so that no estimate may be older than 0.5 s. One
 reader reads all, one hardly.
@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import dataclasses
 import functools
+import math
 import multiprocessing
 import os
 import random
@@ -29,6 +30,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:  # what is imported before the clock is fast keeps the slow one
+    from multiprocessing.synchronize import Barrier
+
     from host.messages import Message
 
 READ = """
@@ -103,21 +106,33 @@ def disturb_lines() -> None:
     live.Terminal = BadLine  # type: ignore[misc]
 
 
-def simulate(seconds: float, pipe: Connection) -> None:
-    """The devices; through the pipe goes their configuration, then what the cameras see."""
+def simulate(name: str, seconds: float, pipe: Connection, together: "Barrier") -> None:
+    """Lidar and cameras, or the board; through the pipe go the configuration and what cameras see.
+
+    The simulated chip takes half a core at this speed, so that it has a process of its own. The
+    same seed makes the same world in both.
+    """
     from host.config import RobotConfig
-    from host.sources.rig import simulated_rig
+    from host.simulation.devices.board import STAND_IN, best_board
+    from host.simulation.live import BOARD, LIDAR, LiveSimulation
+    from host.simulation.world.scenarios import parse_scenario
 
     disturb_lines()
+    robot = RobotConfig()
+    other, board = (LIDAR, best_board(robot.motors)) if name == BOARD else (BOARD, STAND_IN)
+    begin, end = BOARD_OUT if name == BOARD else LIDAR_OUT
     tens = [AGAIN_S * k for k in range(int(seconds / AGAIN_S))]
-    unplug = {
-        name: [(ten + begin, ten + end) for ten in tens]
-        for name, (begin, end) in (("lidar", LIDAR_OUT), ("board", BOARD_OUT))
-    }
-    with contextlib.ExitStack() as stack:
-        rig = simulated_rig(stack, RobotConfig(), SCENARIO, unplug, "lidar+camera")
-        pipe.send(rig.config)
-        rig.sources["camera"].run(pipe.send, threading.Event())
+    unplugged = {name: [(ten + begin, ten + end) for ten in tens], other: [(0.0, math.inf)]}
+    simulation = LiveSimulation(parse_scenario(SCENARIO), robot, unplugged, board)
+    together.wait()
+    with simulation:
+        pipe.send(simulation.config)
+        cameras = pipe.send if name == LIDAR else ignore
+        simulation.camera.run(cameras, threading.Event())
+
+
+def ignore(message: object) -> None:
+    """What nobody is to hear."""
 
 
 class Relayed:
@@ -150,9 +165,7 @@ class Ages:
 def run(seconds: float, folder: Path) -> tuple[list[Sample], Ages, str]:
     """Run for so many seconds of the faster clock; return samples, one in five of these."""
     context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe()
-    simulation = context.Process(target=simulate, args=(seconds, theirs))
-    simulation.start()
+    together = context.Barrier(2)
     from host.sessions.running import run_devices
     from host.sources.rig import real_rig
     from host.viewer.scene import Scene
@@ -160,9 +173,15 @@ def run(seconds: float, folder: Path) -> tuple[list[Sample], Ages, str]:
 
     samples, ages = [], Ages()
     with contextlib.ExitStack() as stack:
-        stack.callback(simulation.terminate)
-        rig = real_rig(ours.recv(), "lidar")
-        sources = {**rig.sources, "camera": Relayed(ours)}
+        pipes = {}
+        for name in ("lidar", "board"):
+            pipes[name], theirs = context.Pipe()
+            device = context.Process(target=simulate, args=(name, seconds, theirs, together))
+            device.start()
+            stack.callback(device.terminate)
+        config = pipes["lidar"].recv().model_copy(update={"board": pipes["board"].recv().board})
+        rig = real_rig(config, "lidar")
+        sources = {**rig.sources, "camera": Relayed(pipes["lidar"])}
         rig = dataclasses.replace(rig, sources=sources, sensors="lidar+camera")
         viewer = stack.enter_context(Viewer(Scene(rig.config, rig.config.filter.profile), port=0))
         stream = viewer.url.replace("http:", "ws:") + "stream"

@@ -34,7 +34,7 @@ from host.simulation.world.arena import ARENA_STEP_S, Contact
 from host.simulation.world.scenarios import Scenario
 
 PUMP_S = 0.002  # more would make every message look later than it is
-_STANDSTILL_S = 1.0  # without a turn of the pump: the process was suspended, or starved
+_STANDSTILL_S = 1.0  # behind the clock: the process was suspended, or the computer is too slow
 MEMORY_S = 60.0  # longer than anyone asks back for: a run may go on for days
 LIDAR, BOARD = "lidar", "board"
 
@@ -228,15 +228,15 @@ class LiveSimulation:
             self._failure = failure
 
     def _pump_until_stop(self) -> None:
-        done = worked = 0.0  # time up to which all is simulated; CPU time of this thread
+        done = 0.0  # time up to which all is simulated
         while not self._stop.wait(PUMP_S):
             now = self.clock() - self._start
-            idle = now - done - (time.thread_time() - worked)
+            behind = now - done
             with self._lock:
-                if idle > _STANDSTILL_S:
-                    self._stand_still(idle)
-                    now -= idle
-                done, worked = now, time.thread_time()
+                if behind > _STANDSTILL_S:
+                    self._stand_still(behind)
+                    now = done
+                done = now
                 self._plug(now)
                 # The world has whole steps: what a robot does that obeys is not known before.
                 whole = math.floor(now / ARENA_STEP_S) * ARENA_STEP_S
