@@ -24,6 +24,7 @@ SILENCE_S = 0.09  # without a return of the lidar, s; half a revolution and more
 STOP_S = 0.3  # within which the robot stands still, whatever is lost
 SCAN_S = 0.5  # without a whole revolution
 ODOMETRY_S = 0.15  # without a report of the wheels
+IN_THE_WAY = "something is in the way"
 _STEP_M = 0.01  # along the path that is looked at
 _SHARES = np.array([1.0, 0.75, 0.5, 0.25])  # of the wanted speed, tried in this order
 
@@ -84,7 +85,7 @@ class Safety:
             apart = np.hypot(*(places[:, None] - things).transpose(2, 0, 1))
             if np.all(apart >= limits):
                 return Command(speed, command.turn_rate_radps)
-        self.halt = "something is in the way"
+        self.halt = IN_THE_WAY
         return Command(0.0, command.turn_rate_radps)
 
     def _things(self, now: Situation) -> tuple[FloatArray, FloatArray]:

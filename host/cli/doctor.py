@@ -29,15 +29,12 @@ from host.sources.sensors import LIDAR_AND_CAMERA
     epilog="""\b
 Examples:
   swarmloc doctor --robot robot.toml
-  swarmloc doctor --simulate arena4
+  swarmloc doctor --simulate
   swarmloc doctor --udev-rules | sudo tee /etc/udev/rules.d/60-swarmloc.rules""",
 )
 @options.robot_option
-@click.option(
-    "--simulate",
-    "scenario",
-    metavar="SCENARIO",
-    help=f"Examine simulated devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1.",
+@options.simulate_option(
+    f"Examine simulated devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1."
 )
 @click.option(
     "--seconds",

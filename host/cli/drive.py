@@ -25,12 +25,7 @@ from host.sessions.robot import robot_configuration
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
-simulate_option = click.option(
-    "--simulate",
-    "scenario",
-    metavar="SCENARIO",
-    help="Drive a simulated robot, in arena4 or another scenario; it obeys its board.",
-)
+simulate_option = options.simulate_option("Drive a simulated robot; it obeys its board.")
 record_option = click.option(
     "--record",
     type=click.Path(path_type=Path),
@@ -86,7 +81,7 @@ class KeysByDefault(click.Group):
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="""\b
 Examples:
-  swarmloc drive --simulate arena4
+  swarmloc drive --simulate
   swarmloc drive walk --robot robot.toml""",
 )
 def drive() -> None:
@@ -102,7 +97,7 @@ drive.add_command(square)
 @drive.command(
     epilog="""\b
 Example:
-  swarmloc drive keys --simulate arena4"""
+  swarmloc drive keys --simulate"""
 )
 @drive_options
 def keys(**common: Any) -> None:
@@ -122,7 +117,7 @@ def keys(**common: Any) -> None:
 @drive.command(
     epilog="""\b
 Example:
-  swarmloc drive walk --simulate arena4 --seconds 60"""
+  swarmloc drive walk --simulate --seconds 60"""
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Of its random numbers.")
 @drive_options

@@ -18,15 +18,17 @@ from host.messages import FloatArray
 from host.sessions.robot import robot_configuration
 from host.sources.rig import Rig
 
+_EMPTY_ROOM = "arena4:robots=1,posts=0,side_m=6,seed=3"  # it starts in the middle
+
 
 @click.command(
     epilog="""\b
 Examples:
-  swarmloc drive square --simulate arena4:robots=1,posts=0,side_m=6
+  swarmloc drive square --simulate
   swarmloc drive square --side 1.5 --runs 5 --robot robot.toml"""
 )
 @options.robot_option
-@click.option("--simulate", "scenario", metavar="SCENARIO", help="Drive a simulated robot.")
+@options.simulate_option("Drive a simulated robot.", _EMPTY_ROOM)
 @click.option(
     "--side", "side_m", type=click.FloatRange(0.2, 20.0), default=1.0, show_default=True, help="m."
 )

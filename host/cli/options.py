@@ -33,6 +33,20 @@ def _robot_option(default: str) -> Callable[[AnyCommand], AnyCommand]:
 
 
 robot_option = _robot_option("a Cherokey")
+
+
+def simulate_option(what: str, scenario: str = "arena4") -> Callable[[AnyCommand], AnyCommand]:
+    """`--simulate [SCENARIO]`. what: its help; scenario: where it is given without one."""
+    return click.option(
+        "--simulate",
+        "scenario",
+        metavar="[SCENARIO]",
+        is_flag=False,
+        flag_value=scenario,
+        help=f"{what}  [without SCENARIO: {scenario}]",
+    )
+
+
 robot_or_recordings_option = _robot_option("the recording's, else a Cherokey")
 filter_option = click.option(
     "--filter",

@@ -57,11 +57,8 @@ Examples:
   swarmloc run --robot robot.toml --record today.mcap""",
 )
 @options.robot_option
-@click.option(
-    "--simulate",
-    "scenario",
-    metavar="SCENARIO",
-    help=f"Simulate the devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1,robots=6.",
+@options.simulate_option(
+    f"Simulate the devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1,robots=6."
 )
 @click.option(
     "--unplug",

@@ -1,12 +1,14 @@
 """Squares driven both ways, and how far from their starts they ended."""
 
 import contextlib
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from host.behaviour.interface import STILL, Behaviour, Command, Situation
+from host.behaviour.safety import IN_THE_WAY
 from host.behaviour.square import Square
 from host.calibration.gathered import Gathered
 from host.config import RobotConfig
@@ -22,6 +24,7 @@ from host.sources.sensors import LIDAR_ONLY
 
 _FRAMES = 20  # of motion capture, before the robot leaves
 _EVERY_S = 0.1
+PATIENCE_S = 15.0  # with what stops it: somebody walks away, a wall does not
 
 
 class Once:
@@ -54,27 +57,54 @@ def drive_square(
 ) -> Gathered:
     """Once around; what the devices delivered. watch: told ten times a second why it stands.
 
-    Raises UserError where it did not come around.
+    Raises UserError where it did not come around: it was stopped, or has stood for PATIENCE_S.
     """
     gathered = Gathered(rig.config)
     tracked = MOCAP in rig.sources
     square = Once(Square(side_m, left), lambda: not tracked or len(gathered.bodies) >= _FRAMES)
     driving = driving_of(rig, square)
     driving.stopped = stopped
+    standing = Standing()
+
+    def look() -> None:
+        halt = driving.safety.halt
+        standing.note(halt, time.monotonic())
+        watch(halt)
+
     outcome = run_devices(
         rig,
         {"square": gathered.take},
         record=record,
-        stopped=lambda: driving.done or stopped(),
-        watch=lambda: watch(driving.safety.halt),
+        stopped=lambda: driving.done or stopped() or standing.seconds > PATIENCE_S,
+        watch=look,
         watch_every_s=_EVERY_S,
         driver=driving,
     )
     for error in outcome.failures.values():
         raise error
-    if not driving.done:
+    if driving.done:
+        return gathered
+    if stopped():
         raise UserError("the square is not complete", "it was stopped", "run it again")
-    return gathered
+    space = f"give it {side_m:g} m to its side and half a metre around, or choose a smaller --side"
+    raise UserError(
+        "the square is not complete",
+        f"the robot stood for {PATIENCE_S:.0f} s: {standing.halt}",
+        space if standing.halt == IN_THE_WAY else "swarmloc doctor names the device and why",
+    )
+
+
+class Standing:
+    """For how long the robot has stood, and why it does."""
+
+    def __init__(self) -> None:
+        self.halt, self.seconds, self._since = "", 0.0, 0.0
+
+    def note(self, halt: str, now: float) -> None:
+        """halt: why it stands now, "" while it drives; now: s."""
+        if not self.halt or not halt:
+            self._since = now
+        self.halt, self.seconds = halt, now - self._since
 
 
 def return_error(gathered: Gathered) -> FloatArray:

@@ -101,3 +101,32 @@ def test_an_unplugged_camera_shows_nothing_and_says_so() -> None:
     assert not [time for time in seen if 0.5 <= time < 1.5]
     assert len(seen) > 100
     assert [m.ok for m in taken if isinstance(m, Health)] == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("command", "scenario"),
+    [
+        ("run", "arena4"),
+        ("doctor", "arena4"),
+        ("drive keys", "arena4"),
+        ("drive walk", "arena4"),
+        ("drive calibration", "arena4"),
+        ("drive square", "arena4:robots=1,posts=0,side_m=6,seed=3"),
+        ("calibrate wheels", "misbuilt4"),
+    ],
+)
+def test_simulate_needs_no_scenario_and_takes_one(command: str, scenario: str) -> None:
+    group, *words = command.split()
+    found = main.get_command(click.Context(main), group)
+    for word in words:
+        assert isinstance(found, click.Group)
+        found = found.get_command(click.Context(found), word)
+    assert found is not None
+
+    def given(*arguments: str) -> object:
+        return found.make_context(command, [*arguments]).params["scenario"]
+
+    assert given() is None
+    assert given("--simulate") == given("--simulate", "--robot", "r.toml") == scenario
+    assert given("--simulate", "swarm20:seed=2") == given("--simulate=swarm20:seed=2")
+    assert given("--simulate", "swarm20:seed=2") == "swarm20:seed=2"

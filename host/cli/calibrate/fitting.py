@@ -39,11 +39,8 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             help="robot.toml to begin with, and to write the fit to.  [default: a Cherokey, "
             "or the recording's, and nothing is written]",
         ),
-        click.option(
-            "--simulate",
-            "scenario",
-            metavar="SCENARIO",
-            help="Without SOURCE: simulated devices instead of the robot's, as misbuilt4.",
+        options.simulate_option(
+            "Without SOURCE: simulated devices instead of the robot's.", "misbuilt4"
         ),
         click.option(
             "--seconds",
