@@ -23,9 +23,9 @@ class Fitted:
     """One number of the robot as it was fitted: a row of the report. SI units.
 
     key: its name in robot.toml, as "lidar.heading_rad"; "" for what is shown but not written.
-    sigma: standard deviation, nan where unknown. limit: the largest sigma that will do, None: any.
-    before: what was configured. halves: the same, fitted on each half of the data alone.
-    unit: on the screen.
+    sigma: standard deviation, nan where unknown. limit: the largest sigma that will do; None: any,
+    and then `unbounded` says why. before: what was configured. halves: the same, fitted on each
+    half of the data alone. unit: on the screen. Raises ValueError where neither limit nor why.
     """
 
     key: str
@@ -33,9 +33,14 @@ class Fitted:
     value: float
     sigma: float
     limit: float | None = None
+    unbounded: str = ""
     before: float | None = None
     halves: tuple[float, float] | None = None
     unit: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.limit is None) != bool(self.unbounded):
+            raise ValueError(f"{self.name}: give a limit, or say why there is none")
 
     @property
     def scale(self) -> float:
@@ -112,20 +117,31 @@ def _check(
     return Check(name=name, value=value, side=side, threshold=bound, unit=unit, advice=advice)
 
 
+_OfReadings = Literal["", "measured", "refused", "front", "rear", "along", "across"]
+Role = _OfReadings | Literal["reference", "before", "fitted"]
+"""What a series shows: what was measured and used, what of it was refused, the truth, by the
+configured and by the fitted values; one of the cameras; an error along or across the line of sight.
+"""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """Points of a picture, x (n,) and y (n,); drawn one by one, joined, or as bars."""
+    """Points of a picture, x (n,) and y (n,); drawn one by one, joined, or as bars.
+
+    role: what they are; it has one colour in every picture of every report.
+    """
 
     x: FloatArray
     y: FloatArray
     label: str = ""
+    role: Role = ""
     style: Literal["points", "line", "bars"] = "points"
 
 
-def thinned(x: FloatArray, y: FloatArray, label: str = "") -> Series:
+def thinned(x: FloatArray, y: FloatArray, label: str = "", role: Role = "") -> Series:
     """Points (n,) of a picture, no more of them, and evenly, than one can see."""
     step = max(1, -(-len(x) // _MOST_POINTS))
-    return Series(x=x[::step], y=y[::step], label=label)
+    return Series(x=x[::step], y=y[::step], label=label, role=role)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +163,7 @@ class Calibration:
     kind: "wheels", "lidar", ... settings: further values for robot.toml by key (lists of tables
     as lists of dicts), beside those of `fitted` that have a key. residuals: in words, as "rms
     2.1 mm over 812 pairs, 71 % of them used". warnings: what to beware of though it may pass.
-    figures: more for --json. unbounded: why rows without a largest sigma have none. joint: keys
+    figures: more for --json. joint: keys
     (k,) of fitted rows with a key, and their covariance (k, k), for the fits that come after.
     """
 
@@ -159,7 +175,6 @@ class Calibration:
     warnings: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
-    unbounded: str = ""
     joint: tuple[tuple[str, ...], FloatArray] | None = None
 
     @property

@@ -17,7 +17,7 @@ COVARIANCE = np.diag([1e-3, 2e-3, 4e-3]) ** 2
 
 def fit(**values):
     rows = tuple(
-        Fitted(key=f"mocap.{key}", name=key, value=value, sigma=1.0)
+        Fitted(key=f"mocap.{key}", name=key, value=value, sigma=1.0, limit=1.0)
         for key, value in values.items()
     )
     return Calibration(

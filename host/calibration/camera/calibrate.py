@@ -49,6 +49,9 @@ _LABELS = {
     "y_m": ("place y", "mm"),
     "z_m": ("height", "mm"),
 }
+_HELD = "held, as the checkerboard has it"
+_TOGETHER = "judged together, by the checks of bearings and delay"
+_FARTHEST = "as far off the axis as strips were seen"
 
 
 def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -> Calibration:
@@ -96,8 +99,6 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
         pictures=pictures(gathered, fit, table, curve),
-        unbounded="these numbers hang together, so that each may be vague; what they come to, the "
-        "sigma of a bearing in each sector, has its bound among the checks, as the delay has",
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )
@@ -199,6 +200,7 @@ def _rows(
                 value=value,
                 sigma=math.nan if held else float(sigmas[place]),
                 before=float(getattr(getattr(cameras, camera), name)),
+                unbounded=_HELD if held else _TOGETHER,
                 halves=(value + apart[0], value + apart[1]) if apart and not held else None,
                 unit=unit,
             )
@@ -210,15 +212,17 @@ def _rows(
         name="delay of the cameras",
         value=max(total[0], 0.0),
         sigma=float(sigmas[-1]),
+        unbounded=_TOGETHER,
         before=cameras.delay_s,
         halves=(total[1], total[2]) if halves else None,
         unit="ms",
     )
     spread = Fitted(
-        key="",  # the fit of detection writes it
+        key="",
         name="noise of a bearing",
         value=noise,
         sigma=noise / math.sqrt(2.0 * max(len(off), 1)),
+        unbounded="the fit of detection writes it",
         before=cameras.bearing_noise_rad,
         unit="deg",
     )
@@ -238,6 +242,7 @@ def _reaches(fit: CameraFit) -> list[Fitted]:
                     name=f"{name} camera: lens known up to",
                     value=float(np.percentile(angles, _REACH_PERCENT)),
                     sigma=math.nan,
+                    unbounded=_FARTHEST,
                     unit="deg",
                 )
             )

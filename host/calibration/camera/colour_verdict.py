@@ -113,6 +113,7 @@ def _rows(before: Strip, strip: Strip) -> Iterator[Fitted]:
             name=name,
             value=getattr(strip, key),
             sigma=float("nan"),
+            unbounded="what is found with the colour is judged instead",
             before=getattr(before, key),
         )
 

@@ -3,7 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -14,7 +14,7 @@ from host.geometry import to_frame, to_parent
 from host.messages import FloatArray, IntArray
 from host.perception.turrets import turrets
 
-CAMERAS = ("front", "rear")
+CAMERAS: tuple[Literal["front", "rear"], ...] = ("front", "rear")
 LEAST_PAIRS = 12  # of a camera, to fit it
 _MOST_STRIPS = 1200  # of a longer drive every second, third, ... is used
 _LINK_M = 0.12  # a candidate of the lidar moves no farther in one revolution

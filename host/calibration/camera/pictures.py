@@ -15,7 +15,7 @@ from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.gathered import Gathered
-from host.calibration.result import ReportPicture, Series, thinned
+from host.calibration.result import ReportPicture, Role, Series, thinned
 from host.calibration.robust.time_offset import DelayCurve
 from host.messages import BoolArray, FloatArray
 
@@ -63,6 +63,7 @@ def pictures(
                 Series(
                     x=1000.0 * (gathered.config.camera.delay_s + curve.delays),
                     y=curve.costs,
+                    role="fitted",
                     style="line",
                 ),
             ),
@@ -73,8 +74,8 @@ def pictures(
             x_label=_BEARING,
             y_label="error, deg",
             series=(
-                _points("as configured", bearings, before, shown & np.isfinite(before)),
-                _points("as fitted", bearings, after, shown),
+                _points("before", bearings, before, shown & np.isfinite(before), "before"),
+                _points("fitted", bearings, after, shown, "fitted"),
             ),
         ),
     )
@@ -90,6 +91,7 @@ def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
                 x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
                 y=np.array([math.degrees(s.sigma_rad) for s in found]),
                 label=f"{CAMERAS[number]} camera",
+                role=CAMERAS[number],
                 style="bars",
             )
             for number, found in table.items()
@@ -119,8 +121,8 @@ def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
         x_label="x, px",
         y_label="above the lower border, px",
         series=(
-            _points("used", x, up, mine & fit.used),
-            _points("not where a teammate was", x, up, mine & ~fit.used),
+            _points("used", x, up, mine & fit.used, "measured"),
+            _points("not where a teammate was", x, up, mine & ~fit.used, "refused"),
         ),
         equal=True,
     )
@@ -131,11 +133,11 @@ def _by_camera(
 ) -> tuple[Series, ...]:
     cameras = fit.pairs.strips.cameras
     return tuple(
-        _points(f"{name} camera", x, y, shown & (cameras == number))
+        _points(f"{name} camera", x, y, shown & (cameras == number), name)
         for number, name in enumerate(CAMERAS)
         if fit.fitted[number]
     )
 
 
-def _points(label: str, x: FloatArray, y: FloatArray, chosen: BoolArray) -> Series:
-    return thinned(x[chosen], y[chosen], label)
+def _points(label: str, x: FloatArray, y: FloatArray, chosen: BoolArray, role: Role) -> Series:
+    return thinned(x[chosen], y[chosen], label, role)

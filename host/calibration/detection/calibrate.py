@@ -27,6 +27,7 @@ from host.calibration.detection.lidar_views import (
 )
 from host.calibration.detection.pictures import camera_pictures, lidar_pictures
 from host.calibration.detection.rows import (
+    KEPT,
     SHARE_LIMIT,
     all_and_halves,
     curve_rows,
@@ -84,8 +85,6 @@ def calibrate(gathered: Gathered) -> Calibration:
         fitted=tuple(row for part in parts for row in part.fitted),
         checks=tuple(check for part in parts for check in part.checks),
         residuals="; ".join(part.residuals for part in parts),
-        unbounded="what was not observable is kept as it was; the other rows are shown to be read, "
-        "and not written",
         pictures=tuple(picture for part in parts for picture in part.pictures),
         settings={key: value for part in parts for key, value in part.settings.items()},
         figures={key: value for part in parts for key, value in part.figures.items()},
@@ -159,7 +158,8 @@ def _cameras(cameras: Cameras, survey: CameraSurvey) -> _Part:
     sigma = bearing_noise_sigma(survey)
     before = cameras.bearing_noise_rad
     # Not observable below the pixels' own noise.
-    observable = sigma < 0.5 * max(noise, before)
+    most = 0.5 * max(noise, before)
+    observable = sigma < most
     part.fitted += [
         Fitted(
             key="camera.bearing_noise_rad" if observable else "",
@@ -167,6 +167,8 @@ def _cameras(cameras: Cameras, survey: CameraSurvey) -> _Part:
             + ("" if observable else " (not observable; configured value kept)"),
             value=max(noise, sigma),
             sigma=sigma,
+            limit=most if observable else None,
+            unbounded="" if observable else KEPT,
             before=before,
             halves=finite_halves((early, late)),
             unit="deg",

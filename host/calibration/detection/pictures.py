@@ -38,8 +38,8 @@ def lidar_pictures(
             x_label="range, m",
             y_label="reading minus truth, mm",
             series=(
-                thinned(views.distances[seen], along, "along the line of sight"),
-                thinned(views.distances[seen], across, "across"),
+                thinned(views.distances[seen], along, "along the line of sight", "along"),
+                thinned(views.distances[seen], across, "across", "across"),
             ),
             caption="Readings that lie evenly about zero: mounting and delay are right.",
         ),
@@ -48,9 +48,9 @@ def lidar_pictures(
             x_label="x, m",
             y_label="y, m",
             series=(
-                Series(x=x, y=y, label="the robot's path", style="line"),
-                thinned(false_x, false_y, "clutter"),
-                thinned(thing_x, thing_y, "things that stand there all the time"),
+                Series(x=x, y=y, label="the robot's path", role="reference", style="line"),
+                thinned(false_x, false_y, "clutter", "measured"),
+                thinned(thing_x, thing_y, "stands there all the time", "refused"),
             ),
             caption="What stands there all the time is kept as an obstacle and is no clutter.",
             equal=True,
@@ -71,14 +71,18 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
             title="What the cameras' bearings are off",
             x_label="bearing, deg",
             y_label="bearing minus truth, deg",
-            series=(thinned(np.degrees(views.bearings[seen]), errors),),
+            series=(thinned(np.degrees(views.bearings[seen]), errors, role="measured"),),
             caption="A wave about zero is a lens or a mounting that is not right yet.",
         ),
         ReportPicture(
             title="False bearings",
             x_label="time, s",
             y_label="bearing, deg",
-            series=(thinned(survey.places[:, 0] - start, np.degrees(survey.places[:, 1])),),
+            series=(
+                thinned(
+                    survey.places[:, 0] - start, np.degrees(survey.places[:, 1]), role="measured"
+                ),
+            ),
             caption="A row at one bearing is something red that the robot carries; one at 90 deg "
             "to either side is the seam between the two cameras.",
         ),
@@ -104,8 +108,8 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
         x_label="range, m",
         y_label="share of views",
         series=(
-            Series(x=middles, y=shares, label="detected", style="bars"),
-            Series(x=line, y=curve.at(line), label="fitted curve", style="line"),
+            Series(x=middles, y=shares, label="detected", role="measured", style="bars"),
+            Series(x=line, y=curve.at(line), label="fitted curve", role="fitted", style="line"),
         ),
         caption="Bars follow the curve as far as the data reach.",
     )
@@ -114,12 +118,14 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
 def _by_bearing(sensor: str, views: Views, sectors: list[FoundSector]) -> ReportPicture:
     edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
     middles, shares = _shares(views.bearings, views.seen, edges)
-    series = [Series(x=np.degrees(middles), y=shares, label="detected", style="bars")]
+    x = np.degrees(middles)
+    series = [Series(x=x, y=shares, label="detected", role="measured", style="bars")]
     if sectors:
         line = np.radians(np.arange(-180.0, 180.0, 0.25))
         blind = np.any([each.within(line, 0.0) for each in sectors], axis=0)
         hidden = "blind sectors: 0"
-        series.append(Series(x=np.degrees(line), y=1.0 - blind, label=hidden, style="line"))
+        x = np.degrees(line)
+        series.append(Series(x=x, y=1.0 - blind, label=hidden, role="fitted", style="line"))
     return ReportPicture(
         title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
         x_label="bearing, deg",

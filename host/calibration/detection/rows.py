@@ -17,6 +17,7 @@ _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
 SHARE_LIMIT = 0.3  # of a noise or a steepness: how well it must be known
 _RATE_LIMIT = 0.5  # of a rate: false detections come in swarms
 _SECTOR_LIMIT_RAD = math.radians(0.5)
+KEPT = "not observable, so kept as it was"
 _CURVE = (
     ("detection_probability", "detection probability close by", ""),
     ("half_range_m", "half-range", "m"),
@@ -36,7 +37,8 @@ def finite_halves(halves: tuple[float, float]) -> tuple[float, float] | None:
 
 def shown_row(name: str, value: float, unit: str) -> Fitted:
     """A row that is shown and not written."""
-    return Fitted(key="", name=name, value=value, sigma=math.nan, unit=unit)
+    why = "shown to be read, and not written"
+    return Fitted(key="", name=name, value=value, sigma=math.nan, unbounded=why, unit=unit)
 
 
 def positive_row(
@@ -85,6 +87,7 @@ def curve_rows(
                 value=float(curve.values[k]),
                 sigma=float(curve.sigmas[k]),
                 limit=limits[k] if fitted else None,
+                unbounded="" if fitted else KEPT,
                 before=getattr(config, key),
                 halves=(both[0], both[1]) if fitted and len(both) == 2 else None,
                 unit=unit,

@@ -51,6 +51,7 @@ _ROWS = (
     (3, "lidar.delay_s", "delay of the lidar", "ms", 0.005),
     (4, "", "turrets measured too far by", "mm", None),
 )
+_WHY_UNBOUNDED = "not written; it shows whether lidar.target_diameter_m is the turrets'"
 
 
 def calibrate(gathered: Gathered) -> Calibration:
@@ -86,7 +87,6 @@ def calibrate(gathered: Gathered) -> Calibration:
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
         pictures=pictures(outcome),
-        unbounded="it is not written, and shows whether lidar.target_diameter_m is the turrets'",
         joint=((*LIDAR, "lidar.delay_s"), covariance[:4, :4]),
         figures={
             "rms_m": outcome.rms,
@@ -219,6 +219,7 @@ def _rows(
                 value=float(values[k]),
                 sigma=math.sqrt(covariance[k, k]),
                 limit=limit,
+                unbounded="" if limit else _WHY_UNBOUNDED,
                 before=float(configured[k]) if key else None,
                 halves=pair if all(map(math.isfinite, pair)) else None,
                 unit=unit,

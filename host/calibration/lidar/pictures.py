@@ -1,5 +1,7 @@
 """What there is to see of a calibration of the lidar."""
 
+from typing import Literal
+
 import numpy as np
 
 from host.calibration.lidar.verdict import Outcome
@@ -21,8 +23,10 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             x_label="x (ahead), m",
             y_label="y (left), m",
             series=(
-                Series(x=used[:, 0], y=used[:, 1], label="used"),
-                Series(x=rejected[:, 0], y=rejected[:, 1], label="rejected as wrong"),
+                Series(x=used[:, 0], y=used[:, 1], label="used", role="measured"),
+                Series(
+                    x=rejected[:, 0], y=rejected[:, 1], label="rejected as wrong", role="refused"
+                ),
             ),
             caption="Where teammates truly were when the lidar saw them, in the robot frame. "
             "Good is all around, near and far.",
@@ -36,7 +40,10 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             y_label="rms error, cut off at 100 mm, mm",
             series=(
                 Series(
-                    x=1e3 * outcome.curve.delays, y=1e3 * np.sqrt(outcome.curve.costs), style="line"
+                    x=1e3 * outcome.curve.delays,
+                    y=1e3 * np.sqrt(outcome.curve.costs),
+                    role="fitted",
+                    style="line",
                 ),
             ),
             caption="How well the best mounting fits at each delay. Good is one narrow dip; "
@@ -47,8 +54,8 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             x_label="error in x, mm",
             y_label="error in y, mm",
             series=(
-                _cloud(outcome.before[outcome.used], "as configured"),
-                _cloud(outcome.errors[outcome.used], "as fitted"),
+                _cloud(outcome.before[outcome.used], "before"),
+                _cloud(outcome.errors[outcome.used], "fitted"),
             ),
             caption="Where the lidar puts teammates in the robot frame, less where they were.",
             equal=True,
@@ -61,8 +68,8 @@ _BEARING_CAPTION = (
 )
 
 
-def _cloud(errors: FloatArray, label: str) -> Series:
-    return Series(x=1e3 * errors[:, 0], y=1e3 * errors[:, 1], label=label)
+def _cloud(errors: FloatArray, which: Literal["before", "fitted"]) -> Series:
+    return Series(x=1e3 * errors[:, 0], y=1e3 * errors[:, 1], label=which, role=which)
 
 
 def _residuals(
@@ -74,8 +81,8 @@ def _residuals(
         x_label=f"{name}, {unit}",
         y_label="error, mm",
         series=(
-            Series(x=x, y=1e3 * along, label="along the beam"),
-            Series(x=x, y=1e3 * across, label="across"),
+            Series(x=x, y=1e3 * along, label="along the beam", role="along"),
+            Series(x=x, y=1e3 * across, label="across", role="across"),
             _medians(x, 1e3 * along),
         ),
         caption=caption,
@@ -91,6 +98,7 @@ def _medians(x: FloatArray, errors: FloatArray) -> Series:
         x=np.array([0.5 * (edges[k] + edges[k + 1]) for k in filled]),
         y=np.array([float(np.median(errors[piece == k])) for k in filled]),
         label="along the beam, median",
+        role="along",
         style="line",
     )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from host.calibration.report.palette import OTHERS, ROLES, Look
 from host.calibration.result import ReportPicture, Series
 from host.messages import FloatArray
 
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's, distinct for the colour-blind, too; markers make series distinct in grey.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-_MARKERS = ("o", "s", "^", "D", "v", "x")
 _INK, _FAINT = "#1c2733", "#d8dee4"
 _SIZE_IN, _SQUARE_IN = (5.4, 3.3), (5.4, 4.6)
 _MANY = 1500  # points from here on are painted as one bitmap, so that the file stays small
@@ -93,19 +91,19 @@ def _draw(axes: "Axes", picture: ReportPicture) -> None:
     if picture.equal:
         axes.set_aspect("equal", adjustable="datalim")
     bars = [series for series in picture.series if series.style == "bars"]
-    looks = zip(cycle(_COLOURS), cycle(_MARKERS))
     drawn = False
-    for series, (colour, marker) in zip(picture.series, looks, strict=False):
+    for series, other in zip(picture.series, cycle(OTHERS), strict=False):
+        look = ROLES.get(series.role, other)
         x, y = _finite(series)
         if not np.isfinite(x + y).any():
             continue
         drawn = True
         if series.style == "bars":
-            _bars(axes, series, bars, colour)
+            _bars(axes, series, bars, look.colour)
         elif series.style == "line":
-            axes.plot(x, y, color=colour, linewidth=1.4, label=series.label)
+            axes.plot(x, y, color=look.colour, linewidth=1.4, label=series.label)
         else:
-            _points(axes, x, y, colour, marker, series.label)
+            _points(axes, x, y, look, series.label)
     if not drawn:
         axes.text(0.5, 0.5, "no data", transform=axes.transAxes, ha="center", color="#4a5763")
     if any(series.label for series in picture.series) and drawn:
@@ -119,18 +117,16 @@ def _finite(series: Series) -> tuple[FloatArray, FloatArray]:
     return np.where(good, x, math.nan), np.where(good, y, math.nan)
 
 
-def _points(
-    axes: "Axes", x: FloatArray, y: FloatArray, colour: str, marker: str, label: str
-) -> None:
+def _points(axes: "Axes", x: FloatArray, y: FloatArray, look: Look, label: str) -> None:
     count = int(np.isfinite(x).sum())
     axes.plot(
         x,
         y,
         linestyle="none",
-        marker=marker,
+        marker=look.marker,
         markersize=6.0 if count < 10 else 3.6 if count < 300 else 2.2,
-        markeredgewidth=1.0 if marker == "x" else 0.0,
-        color=colour,
+        markeredgewidth=1.0 if look.marker == "x" else 0.0,
+        color=look.colour,
         alpha=0.9 if count < 300 else 0.45,
         rasterized=count > _MANY,
         label=label,

@@ -7,6 +7,7 @@ from typing import Any
 import tomlkit
 
 from host.calibration.report import diagram
+from host.calibration.report.palette import ROLES
 from host.calibration.report.text import (
     as_json,
     as_text,
@@ -16,7 +17,6 @@ from host.calibration.report.text import (
     row_verdict,
     value_alike,
     value_and_sigma,
-    why_unbounded,
 )
 from host.calibration.result import Calibration, Fitted, ReportPicture
 from host.calibration.robot_file import in_lines
@@ -78,8 +78,6 @@ def _text(value: object) -> str:
 
 def _verdict(calibration: Calibration) -> str:
     residuals = f"<p>Residuals: {_text(calibration.residuals)}</p>" if calibration.residuals else ""
-    if why := why_unbounded(calibration):
-        residuals += f"<p>{_text(why)}</p>"
     residuals += "".join(f"<p>Beware: {_text(each)}</p>" for each in calibration.warnings)
     failures = calibration.failures
     if not failures:
@@ -130,7 +128,7 @@ def _fitted_row(row: Fitted) -> list[str]:
         "" if row.before is None else _text(value_alike(row, row.before)),
         _text(first),
         _text(second),
-        _word(row_verdict(row)),
+        _word(row_verdict(row)) or f'<span class="advice">no bound: {_text(row.unbounded)}</span>',
     ]
 
 
@@ -163,7 +161,22 @@ def _pictures(pictures: tuple[ReportPicture, ...]) -> str:
         figures = [_figure(picture, number) for number, picture in enumerate(pictures, 1)]
     except ImportError:
         return f'<h2>Pictures</h2>\n<p class="note">{_text(_NO_MATPLOTLIB)}</p>'
-    return '<h2>Pictures</h2>\n<div class="pictures">\n' + "\n".join(figures) + "\n</div>"
+    return (
+        f'<h2>Pictures</h2>\n{_colours(pictures)}<div class="pictures">\n'
+        + "\n".join(figures)
+        + "\n</div>"
+    )
+
+
+def _colours(pictures: tuple[ReportPicture, ...]) -> str:
+    """What the colours mean, of those that are in the pictures."""
+    roles = {series.role for picture in pictures for series in picture.series}
+    marks = [
+        f'<span><i style="background:{look.colour}"></i>{_text(look.meaning)}</span>'
+        for role, look in ROLES.items()
+        if role in roles
+    ]
+    return f'<p class="colours">{" ".join(marks)}</p>\n' if marks else ""
 
 
 def _figure(picture: ReportPicture, number: int) -> str:

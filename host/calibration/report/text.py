@@ -38,10 +38,9 @@ def _decimals(sigma: float) -> int:
 
 
 def why_unbounded(calibration: Calibration) -> str:
-    """Why some rows have no largest sigma; "" where all have one, or nothing is said of it."""
-    if not calibration.unbounded or all(row.limit is not None for row in calibration.fitted):
-        return ""
-    return f"sigma at most –: {calibration.unbounded}"
+    """Why some rows have no largest sigma; "" where all have one."""
+    reasons = dict.fromkeys(row.unbounded for row in calibration.fitted if row.limit is None)
+    return f"sigma at most –: {'; '.join(reasons)}" if reasons else ""
 
 
 def row_verdict(row: Fitted | Check) -> str:
@@ -132,7 +131,6 @@ def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:
             for check in calibration.checks
         ],
         "residuals": calibration.residuals,
-        "unbounded": calibration.unbounded,
         "warnings": list(calibration.warnings),
         "settings": _json(calibration.new_settings()),
         "figures": _json(calibration.figures),

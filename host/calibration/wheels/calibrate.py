@@ -61,8 +61,6 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             stamps_check([drive.truth_times for drive in drives]),
         ),
         residuals=residuals(found),
-        unbounded="the lag is the recording's own and is not written; a noise that is too vague is "
-        "kept as it was",
         warnings=(*absurd, *warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
         joint=(KEYS, found.covariance[:6, :6]),

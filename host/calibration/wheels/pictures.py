@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from host.calibration.result import ReportPicture, Series
+from host.calibration.result import ReportPicture, Role, Series
 from host.calibration.wheels.fit import WINDOW_S, Fit
 from host.calibration.wheels.model import (
     LAGS,
@@ -47,7 +47,7 @@ def pictures(
             title="What was driven",
             x_label="speed, m/s",
             y_label="rotation rate, deg/s",
-            series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates)),),
+            series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates), role="reference"),),
             caption="Each point is 2 s. Good: points above and below zero, and along it.",
         ),
         _left_over(drives, found, before),
@@ -69,13 +69,18 @@ def _both(
 def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> ReportPicture:
     _, true, old = _both(drive, lag, before)
     *_, new = _both(drive, lag, after)
-    rows = ((true, "motion capture"), (old, "wheels, before"), (new, "wheels, fitted"))
+    rows: tuple[tuple[FloatArray, str, Role], ...] = (
+        (true, "motion capture", "reference"),
+        (old, "wheels, before", "before"),
+        (new, "wheels, fitted", "fitted"),
+    )
     return ReportPicture(
         title=f"Path {drive.name}".rstrip(),
         x_label="x, m",
         y_label="y, m",
         series=tuple(
-            Series(x=poses[:, 0], y=poses[:, 1], label=label, style="line") for poses, label in rows
+            Series(x=poses[:, 0], y=poses[:, 1], label=label, role=role, style="line")
+            for poses, label, role in rows
         ),
         caption="By the wheels alone from the first true pose on.",
         equal=True,
@@ -86,14 +91,14 @@ def _headings(
     shown: Sequence[tuple[Drive, FloatArray]], before: Geometry, after: Geometry
 ) -> ReportPicture:
     series = []
+    both: tuple[tuple[Geometry, Role], ...] = ((before, "before"), (after, "fitted"))
     for drive, lag in shown:
-        for geometry, label in ((before, "before"), (after, "fitted")):
+        for geometry, role in both:
             times, true, wheels = _both(drive, lag, geometry)
             error = np.degrees(wheels[:, 2] - true[:, 2])
             since = times - drive.span[0]
-            series.append(
-                Series(x=since, y=error, label=f"{drive.name} {label}".strip(), style="line")
-            )
+            label = f"{drive.name} {role}".strip()
+            series.append(Series(x=since, y=error, label=label, role=role, style="line"))
     return ReportPicture(
         title="Error of the heading",
         x_label="time, s",
@@ -112,8 +117,13 @@ def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportP
         x_label="rotation rate, deg/s",
         y_label="by the wheels minus true, deg",
         series=(
-            Series(x=rates, y=np.degrees(old[:, 2]), label="before"),
-            Series(x=rates, y=np.degrees(found.residuals[found.used, 2]), label="fitted"),
+            Series(x=rates, y=np.degrees(old[:, 2]), label="before", role="before"),
+            Series(
+                x=rates,
+                y=np.degrees(found.residuals[found.used, 2]),
+                label="fitted",
+                role="fitted",
+            ),
         ),
         caption="Before, a slope is the track and an offset the radii; fitted, neither is left.",
     )

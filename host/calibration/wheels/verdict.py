@@ -131,6 +131,7 @@ def value_rows(
         name="odometry's lag behind motion capture",
         value=float(lags.mean()),
         sigma=math.sqrt(share @ found.covariance[LAGS, LAGS] @ share),
+        unbounded="the lag is the recording's own, and not written",
         unit="ms",
     )
     return (*rows, lag)
@@ -150,6 +151,8 @@ def noise_rows(noises: FloatArray, sigmas: FloatArray, wheels: Wheels) -> tuple[
                 name=name if known else f"{name} (too vague: kept)",
                 value=value,
                 sigma=sigma,
+                limit=_VAGUE * value if known else None,
+                unbounded="" if known else "a noise that is too vague is kept as it was",
                 before=getattr(wheels, key),
                 unit=unit,
             )

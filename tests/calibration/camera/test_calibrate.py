@@ -77,6 +77,7 @@ def test_pictures_show_errors_that_shrink_and_a_valley_at_the_delay() -> None:
     (curve,) = pictures["The delay"].series
     assert curve.x[np.argmin(curve.y)] == pytest.approx(150.0, abs=20.0)
     assert "Strips in the picture of the rear camera" in pictures
+    assert all(series.role for picture in pictures.values() for series in picture.series)
 
 
 def test_60_strips_give_bearings_to_half_a_degree_and_name_what_is_missing() -> None:

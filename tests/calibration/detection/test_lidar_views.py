@@ -108,6 +108,7 @@ def test_pictures_can_be_drawn(fit: Calibration) -> None:
     assert len(fit.pictures) == 4
     for picture in fit.pictures:
         for series in picture.series:
+            assert series.role
             assert len(series.x) == len(series.y)
             assert np.isfinite(series.x).all()
             assert np.isfinite(series.y).all()

@@ -214,6 +214,7 @@ def test_pictures_and_halves_tell_the_same_story() -> None:
     assert np.median(before) > 10.0 * np.median(after)
     for picture in found.pictures:
         for series in picture.series:
+            assert series.role
             assert series.x.shape == series.y.shape
             assert np.isfinite(series.x).all()
             assert np.isfinite(series.y).all()

@@ -16,6 +16,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from host.calibration.report.html import as_html, as_json, as_text, write_html
+from host.calibration.report.palette import ROLES
 from host.calibration.result import (
     Calibration,
     Check,
@@ -37,7 +38,7 @@ HEADING = Fitted(
     halves=(0.0522, 0.0527),
     unit="deg",
 )
-NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unit="mm")
+NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unbounded="read only", unit="mm")
 USED = at_least("pairs used", 0.712, 0.5, "%", "(never shown)")
 FLAT = at_least("delay separate from rotation", 1.2, 3.0, "times", "drive eights & stop <often>")
 PICTURES = (
@@ -188,6 +189,38 @@ def test_pictures_hold_every_point_that_is_a_number() -> None:
     assert apart[1] == pytest.approx(2.0 * apart[0], abs=1e-3)
 
 
+def test_a_colour_means_the_same_in_every_picture_and_the_page_says_what() -> None:
+    pytest.importorskip("matplotlib")
+    x = np.arange(3.0)
+    fitted = Series(x=x, y=x, role="fitted", style="line")
+    before = Series(x=x, y=x + 1.0, role="before", style="line")
+    words = {"title": "t", "x_label": "x", "y_label": "y"}
+    pictures = tuple(
+        ReportPicture(**words, series=each) for each in ((fitted,), (before, fitted), (before,))
+    )
+    page = as_html(calibration(pictures=pictures), "a", "b", "c")
+    first, second, third = svgs(page)
+    green, orange = ROLES["fitted"].colour, ROLES["before"].colour
+    assert green in first
+    assert green in second
+    assert green not in third
+    assert orange not in first
+    assert orange in second
+    assert orange in third
+    legend = page.split("<h2>Pictures</h2>")[1].split("<div")[0]
+    assert ROLES["fitted"].meaning in legend
+    assert ROLES["before"].meaning in legend
+    assert ROLES["rear"].meaning not in legend
+    assert len({look.colour for look in ROLES.values()}) == len(ROLES)
+
+
+def test_a_row_has_a_bound_or_says_why_not() -> None:
+    with pytest.raises(ValueError, match="give a limit, or say why"):
+        Fitted(key="", name="x", value=1.0, sigma=1.0)
+    assert "no bound: read only" in page_of(calibration()).words
+    assert "sigma at most –: read only" in as_text(calibration())
+
+
 def test_without_matplotlib_the_page_says_how_to_get_the_pictures(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -257,7 +290,7 @@ def test_the_console_has_80_columns_and_the_verdict_last() -> None:
 def test_a_value_has_the_digits_that_its_sigma_allows(
     value: float, sigma: float, shown: str
 ) -> None:
-    row = Fitted(key="", name="x", value=value, sigma=sigma, unit="m")
+    row = Fitted(key="", name="x", value=value, sigma=sigma, unbounded="none", unit="m")
     fit = Calibration(kind="k", fitted=(row,), checks=(), residuals="")
     assert shown in as_text(fit)
     assert shown in as_html(fit, "", "", "")

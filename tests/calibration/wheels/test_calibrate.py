@@ -266,6 +266,7 @@ def test_pictures_have_the_same_length_in_x_and_y():
     assert len(found.pictures) >= 4
     for picture in found.pictures:
         for series in picture.series:
+            assert series.role
             assert len(series.x) == len(series.y) > 0, picture.title
             assert np.isfinite(series.x).all()
             assert np.isfinite(series.y).all()
