@@ -28,7 +28,8 @@ class Camera(Section):
 
     Pixel (0, 0) is the middle of the upper left one; x to the right, y down. A ray at the angle t
     from the axis meets the picture at the radius focal_px * (t + k1 t^3 + k2 t^5) ("equidistant")
-    or focal_px * sin(t) ("orthographic", Perera 2021 eq. 34).
+    or focal_px * sin(t) ("orthographic", Perera 2021 eq. 34). The lens is known up to reach_rad off
+    its axis. A bearing from farther off has beyond_noise_per_rad * (t - reach_rad)^2 of noise more.
     """
 
     source: Text = "none"
@@ -41,6 +42,8 @@ class Camera(Section):
     centre_y_px: float = Field(539.5, gt=-10_000.0, lt=10_000.0)
     k1: float = Field(0.0, gt=-1.0, lt=1.0)
     k2: float = Field(0.0, gt=-1.0, lt=1.0)
+    reach_rad: float = Field(math.pi, gt=0.0, le=math.pi)
+    beyond_noise_per_rad: float = Field(0.0, ge=0.0, le=10.0)
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     z_m: float = Field(0.25, gt=0.0, lt=10.0)  # of the lens above the floor

@@ -13,7 +13,7 @@ import numpy as np
 from host.config import Camera, RobotConfig
 from host.drivers.romeo.differential_drive import displacement
 from host.messages import Bearings, BoolArray, Displacement, Message, Scan
-from host.perception.lens import View
+from host.perception.lens import Lens, View
 from host.perception.strips.geometry import StripGeometry
 
 
@@ -26,7 +26,7 @@ class Reinterpretation:
         self._later_camera = old.camera.delay_s - new.camera.delay_s
         self._noise = new.camera.bearing_noise_rad**2 - old.camera.bearing_noise_rad**2
         self._views = {
-            name: (View(after), StripGeometry(new.camera, after).view)
+            name: (Lens(before), View(after), StripGeometry(new.camera, after).view)
             for name, before, after in (
                 ("front", old.camera.front, new.camera.front),
                 ("rear", old.camera.rear, new.camera.rear),
@@ -61,12 +61,14 @@ class Reinterpretation:
             )
         if message.camera not in self._views or message.pixels is None:
             return message
-        view, shown = self._views[message.camera]
+        old, view, shown = self._views[message.camera]
         directions = view.directions_of(message.pixels)
         drawn = np.isfinite(directions[:, 0])  # the new lens may end before the old one
-        message = _part(message, drawn)
+        farther = view.lens.extrapolation_variances(message.pixels)
+        variances = message.variances + farther - old.extrapolation_variances(message.pixels)
         return dataclasses.replace(
-            message,
+            _part(message, drawn),
+            variances=np.maximum(variances[drawn], 1e-8),
             bearings=np.arctan2(directions[drawn, 1], directions[drawn, 0]),
             origin=(float(view.origin[0]), float(view.origin[1])),
             view=shown,

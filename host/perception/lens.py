@@ -84,6 +84,16 @@ class Lens:
         angles[inside] = self._solve(scaled[inside])
         return angles
 
+    def extrapolation_variances(self, pixels: FloatArray) -> FloatArray:
+        """Variances (n,) rad² that bearings at `pixels` (n, 2) have beyond the lens's known reach.
+
+        They add to those that a bearing has in any case. 0 within the reach, and where the lens
+        draws nothing.
+        """
+        x, y = (np.asarray(pixels, dtype=float).reshape(-1, 2) - self._centre).T
+        beyond = np.maximum(self.angle(np.hypot(x, y)) - self.camera.reach_rad, 0.0)
+        return np.nan_to_num((self.camera.beyond_noise_per_rad * beyond**2) ** 2)
+
     def _solve(self, radii: FloatArray) -> FloatArray:
         """Angles (n,) at `radii` (n,) in focal lengths, all on the growing part.
 

@@ -106,6 +106,21 @@ def test_the_pixels_own_noise_stays_when_that_of_lens_and_mounting_changes(
     assert math.sqrt(found.variances[0]) == pytest.approx(math.hypot(pixels, new), rel=1e-6)
 
 
+def test_bearings_beyond_the_reach_of_the_new_lens_are_less_certain() -> None:
+    front = TOLD.camera.front
+    known = front.model_copy(update={"reach_rad": 0.8, "beyond_noise_per_rad": 0.5})
+    camera = TOLD.camera.model_copy(update={"front": known})
+    pixels = np.array([(959.5, 539.5), (959.5 - 1.2 * front.focal_px, 539.5)])  # 0 and 1.2 rad off
+    told = Bearings(1.0, np.zeros(2), np.full(2, 4e-4), camera="front", pixels=pixels)
+    changed = TOLD.model_copy(update={"camera": camera})
+    found = Reinterpretation(TOLD, changed).of(told)
+    assert isinstance(found, Bearings)
+    assert found.variances == pytest.approx([4e-4, 4e-4 + (0.5 * 0.4**2) ** 2])
+    back = Reinterpretation(changed, TOLD).of(found)
+    assert isinstance(back, Bearings)
+    assert back.variances == pytest.approx([4e-4, 4e-4])
+
+
 def test_the_same_settings_change_nothing() -> None:
     same = Reinterpretation(TOLD, TOLD)
     for message in run(TOLD)[:300]:

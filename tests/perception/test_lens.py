@@ -243,3 +243,15 @@ def test_a_point_along_a_pixels_direction_is_drawn_at_the_pixel(
     pixels = np.array([[x, y]])
     points = view.origin + distance * view.directions_of(pixels)
     np.testing.assert_allclose(view.pixels_of(points), pixels, atol=1e-6)
+
+
+def test_bearings_beyond_the_known_angle_carry_its_noise() -> None:
+    lens = Lens(Camera(focal_px=500.0, reach_rad=1.0, beyond_noise_per_rad=2.0))
+    radii = np.array([0.0, 450.0, 499.9, 550.0, 700.0])
+    pixels = np.column_stack((959.5 + radii * 0.6, 539.5 - radii * 0.8))
+    expected = [0.0, 0.0, 0.0, (2.0 * 0.1**2) ** 2, (2.0 * 0.4**2) ** 2]
+    np.testing.assert_allclose(lens.extrapolation_variances(pixels), expected, atol=1e-12)
+    folded = Lens(Camera(k1=-0.2, reach_rad=0.5, beyond_noise_per_rad=1.0))
+    assert folded.extrapolation_variances(np.array([[0.0, 0.0]])).tolist() == [0.0]
+    assert not Lens(Camera()).extrapolation_variances(pixels).any()
+    assert lens.extrapolation_variances(np.zeros((0, 2))).shape == (0,)

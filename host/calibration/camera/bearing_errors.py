@@ -112,8 +112,19 @@ def _predicted(fit: CameraFit, number: int, first: int, cameras: Cameras) -> flo
     """Standard deviation (rad) of bearings in a sector, by the fit's covariance."""
     middle = np.radians(first + SECTOR_DEG * np.array([0.1, 0.5, 0.9]))
     points = points_around(middle, cameras.strip.height_m).reshape(-1, 3)
+    sigmas = bearing_sigmas(fit, number, points, View(fit.cameras[number]).pixels_of(points))
+    sigmas = sigmas[np.isfinite(sigmas)]
+    return math.sqrt(float(np.mean(sigmas**2))) if len(sigmas) else math.inf
+
+
+def bearing_sigmas(
+    fit: CameraFit, number: int, points: FloatArray, pixels: FloatArray
+) -> FloatArray:
+    """Standard deviations (n,) rad of the bearings of `points` (n, 3) m, drawn at `pixels` (n, 2).
+
+    By the fit's covariance; nan where one camera's lens draws nothing.
+    """
     camera, row = fit.cameras[number], row_of(fit.values, number)
-    pixels = View(camera).pixels_of(points)
     slopes = np.stack(
         [
             bearing_errors(camera.model_copy(update={name: value + step}), points, pixels) / step
@@ -121,13 +132,10 @@ def _predicted(fit: CameraFit, number: int, first: int, cameras: Cameras) -> flo
         ],
         axis=1,
     )
-    slopes = slopes[np.isfinite(slopes).all(axis=1)]
-    if not len(slopes):
-        return math.inf
     start = len(NAMES) * number
     block = fit.covariance[start:, start:][: len(NAMES), : len(NAMES)]
     variances = np.einsum("ni,ij,nj->n", slopes, block, slopes)
-    return math.sqrt(max(float(np.mean(variances)), 0.0))
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
 def _aside(off: FloatArray) -> float:

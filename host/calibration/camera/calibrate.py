@@ -16,9 +16,10 @@ from host.calibration.camera.bearing_errors import (
 )
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraFit, CameraProblem
-from host.calibration.camera.model import LENS_NAMES, NAMES, draw, row_of
+from host.calibration.camera.model import LENS_NAMES, NAMES
 from host.calibration.camera.pairs import CAMERAS, Captured, reference_of, strips_of
 from host.calibration.camera.pictures import pictures
+from host.calibration.camera.reach import Reach, reach_of
 from host.calibration.camera.verdict import Halves, verdict
 from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.gathered import Gathered, missing_rotations
@@ -33,7 +34,6 @@ from host.messages import FloatArray
 
 _CURVE_S, _CURVE_STEP_S = 0.2, 0.02  # around the delay found
 _LEAST_NOISE_RAD = 0.001
-_REACH_PERCENT = 99.0  # of the strips are nearer to the axis
 _ENOUGH_STRIPS, _ENOUGH_ROTATION_RAD = 200, 1.5  # to drive on for; the rotation each way
 _NEAR_M, _FAR_M = 0.8, 1.5
 _LABELS = {
@@ -52,6 +52,7 @@ _LABELS = {
 _HELD = "held, as the checkerboard has it"
 _TOGETHER = "judged together, by the checks of bearings and delay"
 _FARTHEST = "as far off the axis as strips were seen"
+_BEYOND = "what halves of the data differ by there, and at least what the fit predicts"
 
 
 def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -> Calibration:
@@ -61,7 +62,8 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     the mounting alone is fitted. Raises UserError where nothing at all can be fitted.
     """
     cameras = gathered.config.camera
-    known = {name: lens.camera for name, lens in (lenses or {}).items()}
+    lenses = lenses or {}
+    known = {name: lens.camera for name, lens in lenses.items()}
     reference = reference_of(gathered)
     problem = CameraProblem(strips_of(gathered), reference, cameras, known)
     fit = problem.fit()
@@ -87,9 +89,14 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
         _CURVE_STEP_S,
     )
     off = _used_errors(fit)
+    reaches = {
+        n: reach_of(fit, n, halves, cameras, lenses[name].reach_rad if name in lenses else 0.0)
+        for n, name in enumerate(CAMERAS)
+        if fit.fitted[n]
+    }
     return Calibration(
         kind="camera",
-        fitted=_rows(gathered, fit, halves, known, off),
+        fitted=_rows(gathered, fit, halves, known, off, reaches),
         checks=(
             *verdict(cameras, fit, halves, table),
             stamps_check([gathered.frame_times]),
@@ -98,7 +105,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
-        pictures=pictures(gathered, fit, table, curve),
+        pictures=pictures(gathered, fit, table, curve, reaches),
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )
@@ -180,6 +187,7 @@ def _rows(
     halves: Halves,
     known: Mapping[str, Camera],
     off: FloatArray,
+    reaches: Mapping[int, Reach],
 ) -> tuple[Fitted, ...]:
     cameras = gathered.config.camera
     sigmas = np.sqrt(np.diag(fit.covariance))
@@ -226,27 +234,32 @@ def _rows(
         before=cameras.bearing_noise_rad,
         unit="deg",
     )
-    return (*rows, *_reaches(fit), delay, spread)
+    return (*rows, *_reach_rows(reaches), delay, spread)
 
 
-def _reaches(fit: CameraFit) -> list[Fitted]:
-    """How far off the axis each camera's lens was seen; beyond, it is the polynomial's guess."""
-    points, rows = fit.pairs.at(fit.delay), []
-    for number, name in enumerate(CAMERAS):
-        mine = fit.used & (fit.pairs.strips.cameras == number)
-        if fit.fitted[number]:
-            angles = draw(row_of(fit.values, number), points[mine])[1]
-            rows.append(
-                Fitted(
-                    key="",
-                    name=f"{name} camera: lens known up to",
-                    value=float(np.percentile(angles, _REACH_PERCENT)),
-                    sigma=math.nan,
-                    unbounded=_FARTHEST,
-                    unit="deg",
-                )
-            )
-    return rows
+def _reach_rows(reaches: Mapping[int, Reach]) -> list[Fitted]:
+    """How far off the axis each camera's lens was seen, and what bearings beyond are worth."""
+    return [
+        Fitted(
+            key=f"camera.{CAMERAS[number]}.{key}",
+            name=f"{CAMERAS[number]} camera: {name}",
+            value=value,
+            sigma=math.nan,
+            unbounded=why,
+            unit=unit,
+        )
+        for number, reach in reaches.items()
+        for key, name, value, unit, why in (
+            ("reach_rad", "lens known up to", reach.angle, "deg", _FARTHEST),
+            (
+                "beyond_noise_per_rad",
+                "noise beyond, by angle²",
+                reach.beyond_noise_per_rad,
+                "/rad",
+                _BEYOND,
+            ),
+        )
+    ]
 
 
 def _figures(

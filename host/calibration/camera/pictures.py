@@ -14,16 +14,23 @@ from host.calibration.camera.bearing_errors import (
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
 from host.calibration.camera.pairs import CAMERAS
+from host.calibration.camera.reach import Reach
 from host.calibration.gathered import Gathered
 from host.calibration.result import ReportPicture, Role, Series, thinned
 from host.calibration.robust.time_offset import DelayCurve
+from host.config import Camera
 from host.messages import BoolArray, FloatArray
+from host.perception.lens import Lens
 
 _BEARING = "bearing in the robot frame, deg (left is positive)"
 
 
 def pictures(
-    gathered: Gathered, fit: CameraFit, table: Mapping[int, list[BearingSector]], curve: DelayCurve
+    gathered: Gathered,
+    fit: CameraFit,
+    table: Mapping[int, list[BearingSector]],
+    curve: DelayCurve,
+    reaches: Mapping[int, Reach],
 ) -> tuple[ReportPicture, ...]:
     """Coverage, what is left of the errors, the delay's curve, and before and after."""
     bearings = np.degrees(bearings_of(fit))
@@ -32,7 +39,7 @@ def pictures(
     after, before = _errors_deg(gathered, fit)
     shown = fit.used & np.isfinite(after)
     return (
-        *(_in_picture(fit, number) for number in table),
+        *(_in_picture(fit, number, reaches.get(number)) for number in table),
         ReportPicture(
             title="Where teammates were",
             x_label=_BEARING,
@@ -41,6 +48,7 @@ def pictures(
             caption="Views should be all around, near and far.",
         ),
         _sigmas(table),
+        _by_angle(reaches),
         ReportPicture(
             title="Errors of bearings by bearing",
             x_label=_BEARING,
@@ -100,6 +108,33 @@ def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
     )
 
 
+def _by_angle(reaches: Mapping[int, Reach]) -> ReportPicture:
+    series = []
+    for number, reach in reaches.items():
+        beyond = np.linspace(reach.angle, max(float(reach.angles.max()), reach.angle), 20)
+        name = CAMERAS[number]
+        series += [
+            thinned(
+                np.degrees(reach.angles), np.degrees(reach.sigmas), f"{name} camera", role=name
+            ),
+            Series(
+                x=np.degrees(beyond),
+                y=np.degrees(reach.beyond_noise_per_rad * (beyond - reach.angle) ** 2),
+                label=f"{name}, beyond its reach",
+                role=name,
+                style="line",
+            ),
+        ]
+    return ReportPicture(
+        title="How far off its axis a lens is known",
+        x_label="angle off the axis, deg",
+        y_label="sigma of a bearing, deg",
+        series=tuple(series),
+        caption="A line begins where the strips end: so much is added to what bearings beyond are "
+        "off. Bring teammates to the borders of the picture to have it begin farther out.",
+    )
+
+
 def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatArray]:
     """Errors (n,) deg of all pairs' bearings as fitted, and as they were configured."""
     strips = fit.pairs.strips
@@ -112,10 +147,12 @@ def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatAr
     return np.degrees(after), np.degrees(before)
 
 
-def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
+def _in_picture(fit: CameraFit, number: int, reach: Reach | None) -> ReportPicture:
     mine = fit.pairs.strips.cameras == number
     x, y = fit.pairs.strips.pixels.T
-    up = fit.cameras[number].height_px - y
+    camera = fit.cameras[number]
+    up = camera.height_px - y
+    circle = [] if reach is None else [_circle(camera, reach)]
     return ReportPicture(
         title=f"Strips in the picture of the {CAMERAS[number]} camera",
         x_label="x, px",
@@ -123,8 +160,26 @@ def _in_picture(fit: CameraFit, number: int) -> ReportPicture:
         series=(
             _points("used", x, up, mine & fit.used, "measured"),
             _points("not where a teammate was", x, up, mine & ~fit.used, "refused"),
+            *circle,
         ),
+        caption="The lens is known within the line.",
         equal=True,
+    )
+
+
+def _circle(camera: Camera, reach: Reach) -> Series:
+    """As far off the axis as the lens is known, within the picture."""
+    around = np.linspace(0.0, math.tau, 361)
+    radius = float(Lens(camera).radius(np.array([reach.angle]))[0])
+    x = camera.centre_x_px + radius * np.cos(around)
+    y = camera.centre_y_px + radius * np.sin(around)
+    inside = (x >= 0.0) & (x < camera.width_px) & (y >= 0.0) & (y < camera.height_px)
+    return Series(
+        x=np.where(inside, x, math.nan),
+        y=camera.height_px - y,
+        label=f"{math.degrees(reach.angle):.0f} deg off the axis",
+        role="fitted",
+        style="line",
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from host.config import Camera, Cameras
 from host.messages import Bearings, Image
 from host.perception.jpeg_decoder import UnusableError, decode
+from host.perception.lens import Lens
 from host.perception.strips.blob import Blob
 from host.perception.strips.geometry import StripGeometry
 from host.perception.strips.red_strip import OneColourSearch
@@ -48,6 +49,7 @@ class StripFinder:
         self._cameras, self._camera, self._name = cameras, camera, name
         self._size = (camera.width_px, camera.height_px)
         self.geometry = StripGeometry(cameras, camera)
+        self._lens = Lens(camera)
         self.counts = Counter({"pictures": 0, "strips": 0})
         self._pattern = pattern_search(cameras, camera, self.geometry, self.counts)
 
@@ -57,17 +59,19 @@ class StripFinder:
             blobs = [blob for blob in self.search(jpeg) if blob.kept]
         except UnusableError:
             return None
-        noise = self._cameras.bearing_noise_rad**2
+        pixels = np.array([(blob.x, blob.y) for blob in blobs], dtype=float).reshape(-1, 2)
+        own = np.array([blob.variance_rad2 for blob in blobs], dtype=float)
+        noise = self._cameras.bearing_noise_rad**2 + self._lens.extrapolation_variances(pixels)
         return Bearings(
             time=time,
             bearings=np.array([blob.bearing_rad for blob in blobs], dtype=float),
-            variances=np.array([noise + blob.variance_rad2 for blob in blobs], dtype=float),
+            variances=noise + own,
             origin=(self._camera.x_m, self._camera.y_m),
             view=self.geometry.view,
             ranges=np.array([blob.range_m for blob in blobs], dtype=float),
             range_variances=np.array([blob.range_std_m**2 for blob in blobs], dtype=float),
             camera=self._name,
-            pixels=np.array([(blob.x, blob.y) for blob in blobs], dtype=float).reshape(-1, 2),
+            pixels=pixels,
         )
 
     def blobs(self, jpeg: bytes) -> list[Blob]:

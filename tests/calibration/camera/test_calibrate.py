@@ -16,6 +16,7 @@ from host.calibration.result import Calibration
 from host.config import Camera, Cameras, RobotConfig
 from host.errors import UserError
 from host.messages import Bearings, Bodies
+from host.perception.lens import Lens, View
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
@@ -58,10 +59,9 @@ def test_500_strips_a_fifth_of_them_wrong_give_bearings_to_a_fifth_of_a_degree()
 def test_every_value_comes_with_its_halves_and_what_was_configured() -> None:
     gathered, calibration = of_500()
     rows = {row.key: row for row in calibration.fitted}
-    assert len(rows) == 24
-    reaches = [row for row in calibration.fitted if "known up to" in row.name]
-    assert [row.name for row in reaches] == [f"{n} camera: lens known up to" for n in CAMERAS]
-    assert all(math.radians(60.0) < row.value < math.radians(110.0) for row in reaches)
+    assert len(rows) == 28
+    for name in CAMERAS:
+        assert math.radians(60.0) < rows[f"camera.{name}.reach_rad"].value < math.radians(110.0)
     row = rows["camera.front.z_m"]
     assert (row.before, row.unit) == (gathered.config.camera.front.z_m, "mm")
     assert row.value == pytest.approx(FRONT.place[2], abs=0.002)
@@ -78,6 +78,28 @@ def test_pictures_show_errors_that_shrink_and_a_valley_at_the_delay() -> None:
     assert curve.x[np.argmin(curve.y)] == pytest.approx(150.0, abs=20.0)
     assert "Strips in the picture of the rear camera" in pictures
     assert all(series.role for picture in pictures.values() for series in picture.series)
+
+
+def test_bearings_beyond_the_reach_of_a_lens_carry_what_they_are_off() -> None:
+    """Strips within 55 deg ahead alone: the errors of those farther aside are as is written."""
+    squares, within = [], []
+    for seed in range(4):
+        gathered = gather(Drive(ahead=True), seed=seed, wrong=0.0)
+        camera = camera_of(gathered, calibrate(gathered)).front
+        assert math.radians(60.0) < camera.reach_rad < math.radians(80.0)
+        around = np.radians(np.arange(-88.0, 88.0, 4.0))
+        points = np.stack((np.cos(around), np.sin(around), np.full(len(around), 0.2)), axis=1)
+        pixels = FRONT.pixels(points)
+        rays = View(camera).directions_of(pixels)
+        offset = points - [camera.x_m, camera.y_m, 0.0]
+        off = np.arctan2(rays[:, 1], rays[:, 0]) - np.arctan2(offset[:, 1], offset[:, 0])
+        farther = Lens(camera).extrapolation_variances(pixels)
+        beyond = farther > math.radians(0.05) ** 2
+        squares += (off[beyond] ** 2 / farther[beyond]).tolist()
+        within += np.abs(off[farther == 0.0]).tolist()
+    assert max(within) < math.radians(0.3)
+    assert len(squares) > 20
+    assert 0.2 < np.mean(squares) < 3.0, np.mean(squares)
 
 
 def test_60_strips_give_bearings_to_half_a_degree_and_name_what_is_missing() -> None:
