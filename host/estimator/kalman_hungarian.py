@@ -70,6 +70,7 @@ class KalmanHungarian:
         self._labels = np.zeros(0, dtype=np.int64)
         self._next_label = 0
         self._lidar = np.zeros((0, 2))  # not used yet
+        self._lidar_lags = np.zeros(0)
         self._picture_time = -math.inf
 
     def predict(self, motion: Displacement) -> None:
@@ -89,6 +90,7 @@ class KalmanHungarian:
         lever[:, 0], lever[:, 1] = -self._states[:, 1], self._states[:, 0]
         self._covariances = carried + motion.heading_variance * lever[:, :, None] * lever[:, None]
         self._lidar = (self._lidar - shift[:2]) @ turned
+        self._lidar_lags = self._lidar_lags + interval
         self._ages = self._ages + interval
 
     def update(self, measurement: Positions | Bearings) -> None:
@@ -97,20 +99,19 @@ class KalmanHungarian:
         self._time = measurement.time
         if isinstance(measurement, Positions):
             self._lidar = measurement.positions
+            lags = measurement.lags
+            self._lidar_lags = np.zeros(len(self._lidar)) if lags is None else lags
             if self._time - self._picture_time > _NO_CAMERA_S:
-                everywhere = np.ones(len(self._states), dtype=bool)
-                self._round(self._lidar, np.full(len(self._lidar), -1), everywhere, "lidar")
+                nobody = np.full(len(self._lidar), -1)
+                self._round(self._lidar, self._lidar_lags, nobody, "lidar")
             return
         self._picture_time = self._time
         if measurement.ranges is None:
             return
         along = np.column_stack((np.cos(measurement.bearings), np.sin(measurement.bearings)))
         seen = np.array(measurement.origin) + measurement.ranges[:, None] * along
-        centre, half_width = measurement.view
-        bearings = np.arctan2(self._states[:, 1], self._states[:, 0])
-        self._round(
-            seen, self._lidar_of(seen), np.abs(wrap(bearings - centre)) < half_width, "camera"
-        )
+        lags = np.full(len(seen), measurement.lag)
+        self._round(seen, lags, self._lidar_of(seen), "camera")
 
     def estimate(self) -> Estimate:
         """Every filter that is alive."""
@@ -133,23 +134,27 @@ class KalmanHungarian:
         aside = np.abs(wrap(np.arctan2(seen[:, 1], seen[:, 0])[:, None] - directions))
         return _nearest(aside, _BOX_RAD)
 
-    def _round(self, seen: FloatArray, lidar: IntArray, in_view: BoolArray, sensor: str) -> None:
+    def _round(self, seen: FloatArray, lags: FloatArray, lidar: IntArray, sensor: str) -> None:
         """Steps 4 to 6: positions to filters, start, correct, and give up who was not matched."""
         kept = np.ones(len(seen), dtype=bool)
         if sensor == "camera" and (self._errors.matched_only or self._matching == "complementary"):
             kept = lidar >= 0
-        seen, lidar = seen[kept], lidar[kept]
-        chosen = _matched(seen, self._states[:, :2], _GATE_M)
-        self._unmatched[in_view] += 1
-        for position, reading, row in zip(seen, lidar, chosen, strict=True):
+        seen, lags, lidar = seen[kept], lags[kept], lidar[kept]
+        then = self._states[:, :2] - (lags.mean() if len(lags) else 0.0) * self._states[:, 2:]
+        chosen = _matched(seen, then, _GATE_M)
+        self._unmatched += 1
+        for position, lag, reading, row in zip(seen, lags, lidar, chosen, strict=True):
             if row < 0:
                 row = self._start(position if reading < 0 else self._lidar[reading])
             if sensor == "lidar" or self._matching != "complementary":
-                self._correct(row, position, self._sigma(position, sensor))
+                self._correct(row, position, self._sigma(position, sensor), lag)
             if reading >= 0:
-                self._correct(row, self._lidar[reading], self._sigma(self._lidar[reading], "lidar"))
+                at = self._lidar[reading]
+                self._correct(row, at, self._sigma(at, "lidar"), self._lidar_lags[reading])
             self._unmatched[row], self._ages[row] = 0, 0.0
-        self._lidar = np.delete(self._lidar, lidar[lidar >= 0], axis=0)
+        used = lidar[lidar >= 0]
+        self._lidar = np.delete(self._lidar, used, axis=0)
+        self._lidar_lags = np.delete(self._lidar_lags, used)
         self._keep(self._unmatched <= _ROUNDS_UNMATCHED)
 
     def _sigma(self, position: FloatArray, sensor: str) -> float:
@@ -168,13 +173,17 @@ class KalmanHungarian:
         self._next_label += 1
         return len(self._states) - 1
 
-    def _correct(self, row: int, position: FloatArray, sigma: float) -> None:
-        """K, state and covariance of section 4.1.1 for one measured position."""
+    def _correct(self, row: int, position: FloatArray, sigma: float, lag: float) -> None:
+        """K, state and covariance of section 4.1.1 for a position measured `lag` s ago.
+
+        Then the teammate was where its velocity took it from since: H = (I, -lag I).
+        """
         covariance = self._covariances[row]
-        spread = covariance[:2, :2] + sigma**2 * np.eye(2)
-        gain = np.linalg.solve(spread, covariance[:2]).T
-        self._states[row] += gain @ (position - self._states[row, :2])
-        left = covariance - gain @ covariance[:2]
+        measures = np.hstack((np.eye(2), -lag * np.eye(2)))
+        spread = measures @ covariance @ measures.T + sigma**2 * np.eye(2)
+        gain = np.linalg.solve(spread, measures @ covariance).T
+        self._states[row] += gain @ (position - measures @ self._states[row])
+        left = covariance - gain @ measures @ covariance
         self._covariances[row] = (left + left.T) / 2.0
 
     def _keep(self, kept: BoolArray) -> None:

@@ -19,6 +19,7 @@ from host.geometry import to_parent, wrap
 from host.messages import BoolArray, FloatArray
 from host.simulation.world.furniture import furnish, nearest_points
 from host.simulation.world.scenarios import Scenario
+from host.simulation.world.staged import SquarePath, edge_pose
 
 ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
@@ -61,6 +62,7 @@ class Arena:
 
     def __init__(self, scenario: Scenario) -> None:
         self.half_side_m = scenario.side_m / 2.0
+        self._half_m = (scenario.fence_m or scenario.side_m) / 2.0  # where robots drive
         self.count = scenario.robots
         self.furniture = furnish(scenario)
         self._closed = self.furniture.closed
@@ -85,6 +87,10 @@ class Arena:
         self._position = places[:walkers]
         self._heading = self._random.uniform(-math.pi, math.pi, walkers)
         self._drives = self._each < walkers - scenario.standing
+        self._square = SquarePath(scenario) if scenario.square_m else None
+        if scenario.at_edge:
+            self._position[0], self._heading[0] = edge_pose(scenario)
+            self._drives[0] = False
         self._speed = np.where(self._drives, scenario.speed_mps, 0.0)
         self._velocity = np.zeros(walkers)
         self._turn_rate = np.zeros(walkers)
@@ -100,7 +106,7 @@ class Arena:
 
     def _place(self, scenario: Scenario, walkers: int) -> FloatArray:
         """Walkers, then posts, at random and apart from each other, furniture and walls."""
-        room = self.half_side_m - 0.35
+        room = self._half_m - 0.35
         places = np.empty((0, 2))
         for _ in range(400 * (scenario.robots + scenario.posts)):
             candidate = self._random.uniform(-room, room, 2)
@@ -111,8 +117,8 @@ class Arena:
                 return places
         raise UserError(
             f"no room for {scenario.robots} robots and {scenario.posts} posts",
-            f"they start 0.5 m apart in {scenario.side_m} x {scenario.side_m} m, off furniture",
-            "ask for fewer of them, less furniture or a larger side_m",
+            f"they start 0.5 m apart in {2.0 * self._half_m} x {2.0 * self._half_m} m, off furniture",
+            "ask for fewer of them, less furniture or a larger side_m (or fence_m)",
         )
 
     def hand_over(self, robot: int, wheelwork: Wheelwork) -> None:
@@ -207,6 +213,8 @@ class Arena:
             self._start_rotation(stopped & ~rotating, self._random_signs())
         self._position = self._position + move
         self._heading = self._heading + ARENA_STEP_S * self._turn_rate
+        if self._square is not None:
+            self._position[1], self._heading[1] = self._square.at(self._steps * ARENA_STEP_S)
         self._record()
 
     def _decide(self, offsets: FloatArray) -> None:
@@ -236,7 +244,7 @@ class Arena:
 
         angles = self._heading[:, None] + SENSOR_BEARINGS
         direction = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-        gap = self.half_side_m - np.sign(direction) * self._position[:, None, :]
+        gap = self._half_m - np.sign(direction) * self._position[:, None, :]
         wall = np.min(gap / np.maximum(np.abs(direction), 1e-9), axis=-1)
         seen |= wall < SENSOR_RANGE_M
         return seen[:, :2].any(axis=1), seen[:, 2:].any(axis=1)
@@ -263,7 +271,7 @@ class Arena:
         stopped: BoolArray = np.zeros(len(move), dtype=bool)
         held: set[tuple[int, int]] = set()
         approaching = np.einsum("ik,ijk->ij", move, offsets) > 0.0
-        limit = (self.half_side_m - self._reach)[:, None]
+        limit = (self._half_m - self._reach)[:, None]
         while True:
             tried = self._position + np.where(stopped[:, None], 0.0, move)
             outside = np.any((np.abs(tried) > limit) & (self._position * move > 0.0), axis=1)

@@ -130,7 +130,8 @@ class _Room:
         for _ in range(_TRIES):
             pose = self._along_wall(sides) if at_wall else self._free(radius)
             apart = np.hypot(*(self._middles - pose[:2]).T) - self._radii - radius
-            if np.all(apart > _GAP_M):
+            outside = np.abs(pose[:2]).max() - radius > 0.5 * self._scenario.fence_m
+            if np.all(apart > _GAP_M) and (outside or not self._scenario.fence_m):
                 self._middles = np.vstack((self._middles, pose[:2]))
                 self._radii = np.append(self._radii, radius)
                 return np.concatenate((pose, sides))
