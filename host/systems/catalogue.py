@@ -6,7 +6,9 @@ from typing import Any, TypeVar
 
 from host.errors import UserError
 from host.recording.elsewhere.mrclam import load_dataset, read_source
+from host.registry import SCENARIOS
 from host.simulation.world.scenarios import settings
+from host.systems.kalman_hungarian.simulated import measures, simulated_scores
 from host.systems.particles.simulated import IntruderScenario, tracked
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
 from host.systems.swarm_ukf.simulated import SimulatedSwarm, SwarmScenario, simulated_score
@@ -44,6 +46,10 @@ class SystemRow:
         return {**common, **self.figures, **({"why": self.why} if self.why else {})}
 
 
+def _camera_and_lidar(source: str) -> Variants:
+    return {name: measures(scored) for (name, _), scored in simulated_scores(source).items()}
+
+
 def _swarm_on_dataset(source: str) -> Variants:
     folder, _ = read_source(source)  # landmarks have no identity: they are left out
     dataset = load_dataset(folder)
@@ -69,6 +75,12 @@ def _intruder(source: str) -> Variants:
 SYSTEMS = {
     system.name: system
     for system in (
+        System(
+            "kalman_hungarian",
+            "Belaroussi 2024",
+            "scans and pictures of a simulated robot (on any source: --filters kalman_hungarian)",
+            dict.fromkeys(SCENARIOS.names(), _camera_and_lidar),
+        ),
         System(
             "swarm_ukf",
             "Miller 2019",

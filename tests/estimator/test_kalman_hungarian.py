@@ -34,8 +34,8 @@ def test_the_camera_says_who_is_there_and_the_lidar_where() -> None:
     for k in range(30):
         time = STEP_S * (k + 1)
         fusion.predict(still(time))
-        fusion.update(picture(time, (1.06, 0.0)))
         fusion.update(scan(time, (0.9, 0.0), (0.0, 2.0)))
+        fusion.update(picture(time, (1.06, 0.0)))
     (found,) = fusion.estimate().positions
     # Two sources of sigmas .0212 and .02 about a thing that stands: their weighted mean.
     weights = np.array([1.0 / (0.02 * 1.06) ** 2, 1.0 / 0.02**2])

@@ -81,9 +81,10 @@ def _number(value: float, decimals: int) -> str:
 def systems_table(rows: Sequence[SystemRow]) -> str:
     """Each system on each source: its figures by name, or why there are none."""
     lines: list[str] = []
+    wide = max(len(row.variant) for row in rows)
     for source, block in itertools.groupby(rows, key=lambda row: row.source):
         lines.append(source)
         for row in block:
             figures = "  ".join(f"{name} {value:.4g}" for name, value in row.figures.items())
-            lines.append(f"  {row.system:17} {row.variant:17} {row.why or figures}")
+            lines.append(f"  {row.system:17} {row.variant:{wide}} {row.why or figures}")
     return "\n".join(lines)

@@ -19,13 +19,12 @@ from host.geometry import to_parent, wrap
 from host.messages import BoolArray, FloatArray
 from host.simulation.world.furniture import furnish, nearest_points
 from host.simulation.world.scenarios import Scenario
-from host.simulation.world.staged import SquarePath, edge_pose
+from host.simulation.world.staged import PAIR, SquarePath, edge_pose, walkers_of
 
 ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
-_PAIR = 1  # the walker that is two robots
 _START_CLEARANCE_M = 0.4  # from furniture; more than a pair's reach
 SENSOR_BEARINGS = np.radians([60.0, 20.0, -20.0, -60.0])  # the left two come first
 SENSOR_HALF_CONE = math.radians(20.0)
@@ -68,13 +67,13 @@ class Arena:
         self._closed = self.furniture.closed
         self._random = scenario.generator("arena")
         self._pair_m = scenario.pair_m
-        walkers = _walkers(scenario)
+        walkers = walkers_of(scenario)
         places = self._place(scenario, walkers)
         self.posts: FloatArray = places[walkers:]
         self._round = np.concatenate((self.posts, self.furniture.legs))
         self._reach = np.full(walkers, BODY_RADIUS_M)
         if self._pair_m:
-            self._reach[_PAIR] += 0.5 * self._pair_m
+            self._reach[PAIR] += 0.5 * self._pair_m
         self._radii = np.concatenate(
             (
                 self._reach,
@@ -117,13 +116,13 @@ class Arena:
                 return places
         raise UserError(
             f"no room for {scenario.robots} robots and {scenario.posts} posts",
-            f"they start 0.5 m apart in {2.0 * self._half_m} x {2.0 * self._half_m} m, off furniture",
+            f"they start 0.5 m apart in a square of {2.0 * self._half_m} m, off furniture",
             "ask for fewer of them, less furniture or a larger side_m (or fence_m)",
         )
 
     def hand_over(self, robot: int, wheelwork: Wheelwork) -> None:
         """Let its wheels move a robot from now on. Raises UserError where it is one of a pair."""
-        if self._pair_m and robot in (_PAIR, _PAIR + 1):
+        if self._pair_m and robot in (PAIR, PAIR + 1):
             raise UserError(
                 f"robot {robot} cannot drive on its own",
                 "it is one of a pair that drives side by side",
@@ -182,9 +181,9 @@ class Arena:
         poses = np.column_stack((self._position, self._heading))
         if self._pair_m:
             beside = np.array([[0.0, 0.5 * self._pair_m], [0.0, -0.5 * self._pair_m]])
-            pair = np.tile(poses[_PAIR], (2, 1))
-            pair[:, :2] = to_parent(beside, poses[_PAIR])
-            poses = np.concatenate((poses[:_PAIR], pair, poses[_PAIR + 1 :]))
+            pair = np.tile(poses[PAIR], (2, 1))
+            pair[:, :2] = to_parent(beside, poses[PAIR])
+            poses = np.concatenate((poses[:PAIR], pair, poses[PAIR + 1 :]))
         self._history[row] = poses
         self._steps += 1
 
@@ -293,19 +292,6 @@ class Arena:
         for robot, other in sorted(held - self._held):
             self.contacts.append(Contact(self._steps * ARENA_STEP_S, robot, other))
         self._held = held
-
-
-def _walkers(scenario: Scenario) -> int:
-    """How many bodies walk: the robots, a pair as one. Raises UserError where it has no two."""
-    if not scenario.pair_m:
-        return scenario.robots
-    if scenario.robots < _PAIR + 2:
-        raise UserError(
-            f"no pair among {scenario.robots} robots",
-            "robots 1 and 2 are the pair, beside robot 0, which observes",
-            "ask for at least 3 robots, or leave pair_m out",
-        )
-    return scenario.robots - 1
 
 
 def _limited(change: FloatArray, most: float) -> FloatArray:

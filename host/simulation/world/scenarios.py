@@ -41,7 +41,7 @@ class Scenario:
     boxes: int = _bounded(0, 0, 40)  # every second one along a wall
     box_height_m: float = _bounded(0.4, 0.2, 2.0)  # 0.3 and more hides what is behind a box
     side_m: float = _bounded(3.0, 1.0, 20.0)
-    # A wall that robots stay inside of and sensors look over; furniture is outside. 0: there is none.
+    # Robots stay inside of a low wall, sensors look over it, furniture is outside; 0: none.
     fence_m: float = _bounded(0.0, 0.0, 20.0)
     seed: int = _bounded(0, 0, 2**32 - 1)
     seconds: float = _bounded(120.0, 0.1, 7200.0)
@@ -104,29 +104,28 @@ SCENARIOS.register(
 # The three experiments of Belaroussi 2024, section 6.2.3: a stereo camera ahead, which finds robots
 # with a precision of .988 and a recall of .875 (table 4.1), and a lidar that looks over the arena's
 # wall into the laboratory. The path of the first is a picture there; here it is a square in view.
-_STEREO = {
-    "posts": 0,
-    "chairs": 8,
-    "side_m": 6.0,
-    "fence_m": 3.0,
-    "camera_hz": 30.0,
-    "camera_view_deg": 95.0,
-    "stereo": 1,
-    "bearing_noise_deg": 1.0,
-    "camera_detection": 0.875,
-    "camera_half_range_m": 10.0,
-    "false_blobs": 0.04,
-}
+_STEREO = Scenario(
+    name="",
+    robots=3,
+    posts=0,
+    chairs=8,
+    side_m=6.0,
+    fence_m=3.0,
+    seconds=180.0,
+    camera_hz=30.0,
+    camera_view_deg=95.0,
+    stereo=1,
+    bearing_noise_deg=1.0,
+    camera_detection=0.875,
+    camera_half_range_m=10.0,
+    false_blobs=0.04,
+)
 SCENARIOS.register(
     "belaroussi1",
-    Scenario(
-        name="belaroussi1", robots=2, at_edge=1, square_m=1.2, seconds=60.0, **_STEREO
-    ),
+    replace(_STEREO, name="belaroussi1", robots=2, at_edge=1, square_m=1.2, seconds=60.0),
 )
-SCENARIOS.register(
-    "belaroussi2", Scenario(name="belaroussi2", robots=3, at_edge=1, seconds=180.0, **_STEREO)
-)
-SCENARIOS.register("belaroussi3", Scenario(name="belaroussi3", robots=3, seconds=180.0, **_STEREO))
+SCENARIOS.register("belaroussi2", replace(_STEREO, name="belaroussi2", at_edge=1))
+SCENARIOS.register("belaroussi3", replace(_STEREO, name="belaroussi3"))
 # To be calibrated: wheels, lidar and cameras are off, and late by 150 ms more than is known.
 SCENARIOS.register(
     "misbuilt4",

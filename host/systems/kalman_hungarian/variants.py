@@ -83,7 +83,9 @@ def _positions(sensors: Sensors, found: Found, now: float) -> Positions:
 
 
 def _bearings(sensors: Sensors, picture: Bearings, now: float) -> Bearings:
-    return carried(picture, sensors.path, now) if sensors.compensated else replace(picture, time=now)
+    return (
+        carried(picture, sensors.path, now) if sensors.compensated else replace(picture, time=now)
+    )
 
 
 def _sensor_estimate(sensors: Sensors, found: Found, time: float) -> Estimate:
@@ -91,7 +93,12 @@ def _sensor_estimate(sensors: Sensors, found: Found, time: float) -> Estimate:
     time = found.time if sensors.compensated else time
     count = len(found.positions)
     return Estimate(
-        time, found.positions, _covariances(found), np.ones(count), np.zeros(count), np.arange(count)
+        time,
+        found.positions,
+        _covariances(found),
+        np.ones(count),
+        np.zeros(count),
+        np.arange(count),
     )
 
 
