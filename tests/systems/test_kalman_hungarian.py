@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from host.systems.catalogue import score_systems
-from host.systems.kalman_hungarian.lidar_detection import clusters, detect
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse_scenario
+from host.systems.catalogue import score_systems
+from host.systems.kalman_hungarian.lidar_detection import clusters, detect
 
 
 def arc(x: float, y: float, radius: float = 0.0325, count: int = 6) -> np.ndarray:
