@@ -18,6 +18,8 @@ from host.perception.lens import View
 
 _REACH_PERCENT = 99.0  # of the strips are nearer to the axis
 _BEARINGS_DEG = 3.0  # from one bearing that is looked at to the next
+_LEAST_BEYOND = math.radians(5.0)  # less hardly shows how errors grow
+_MOST_NOISE_PER_RAD = 10.0  # that robot.toml may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,4 +74,6 @@ def _growth(beyond: FloatArray, sigmas: FloatArray) -> float:
     far = beyond > 0.0
     if not far.any():
         return 0.0
-    return math.sqrt(float(np.mean(sigmas[far] ** 2) / np.mean(beyond[far] ** 4)))
+    beyond = np.maximum(beyond[far], _LEAST_BEYOND)
+    growth = math.sqrt(float(np.mean(sigmas[far] ** 2) / np.mean(beyond**4)))
+    return min(growth, _MOST_NOISE_PER_RAD)

@@ -180,12 +180,15 @@ def test_the_lidar_serves_where_there_is_no_motion_capture() -> None:
 def test_the_lens_of_a_checkerboard_is_kept() -> None:
     camera = Camera(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
     none = np.zeros(0)
-    known = {"front": LensFit(camera, none, (none,), (none > 0.0,), (none,))}
+    corner = np.array([math.radians(110.0)])
+    known = {"front": LensFit(camera, none, (none,), (corner > 0.0,), (corner,))}
     calibration = calibrate(gather(Drive(), pairs=300), known)
     rows = {row.key: row for row in calibration.fitted}
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):
         assert rows[f"camera.front.{name}"].value == getattr(camera, name)
         assert rows[f"camera.rear.{name}"].value != getattr(Camera(), name)
+    assert rows["camera.front.reach_rad"].value == pytest.approx(math.radians(110.0))
+    assert rows["camera.rear.reach_rad"].value < math.radians(105.0)
     assert rows["camera.front.tilt_rad"].value == pytest.approx(math.radians(43.0), abs=0.03)
 
 
