@@ -40,6 +40,7 @@ _SHIFT_S = 0.02  # over which velocities are taken
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
 _GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
+_BORDER_PX = 5.0  # a blurred edge, and a reduced pixel
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
 
 
@@ -151,9 +152,23 @@ class CameraProblem:
         if width:
             speed[:, :2] = ((ahead - behind) / (2.0 * _SHIFT_S))[every, nearest]
             chosen = points[every, nearest]
-        paired &= np.isfinite(speed).all(axis=1)
+        paired &= np.isfinite(speed).all(axis=1) & ~self._cut(values, chosen)
         speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
         return Pairs(self.strips, chosen, speed, self._sigmas(values, chosen), paired, delay)
+
+    def _cut(self, values: FloatArray, points: FloatArray) -> BoolArray:
+        """Which strips (n,) at `points` (n, 3) m the border of the picture cuts.
+
+        What is seen of them lies up to 4 px nearer to the picture's middle than the strip does.
+        """
+        rows = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras]
+        strip, cameras = self.cameras.strip, self.cameras
+        away = np.maximum(np.linalg.norm(points - rows[:, 8:11], axis=1), 0.1)
+        half = 0.5 * np.array([strip.diameter_m, strip.tall_m]) * (rows[:, 0] / away)[:, None]
+        sizes = [(c.width_px, c.height_px) for c in (cameras.front, cameras.rear)]
+        last = np.array(sizes)[self.strips.cameras] - 1.0
+        inside = np.minimum(self.strips.pixels, last - self.strips.pixels)
+        return np.asarray((inside < half + _BORDER_PX).any(axis=1))
 
     def _near_side(self, places: FloatArray, mounts: FloatArray) -> FloatArray:
         """Where strips (n, m, 2) look to be from the cameras at `mounts` (n, 2), all in m.

@@ -20,7 +20,7 @@ from host.perception.lens import Lens, View
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
-from tests.calibration.camera.camera_drive import FRONT, Drive, bearing_errors_deg, gather
+from tests.calibration.camera.camera_drive import FRONT, REAR, Drive, bearing_errors_deg, gather
 
 
 def camera_of(gathered: Gathered, calibration: Calibration) -> Cameras:
@@ -100,6 +100,20 @@ def test_bearings_beyond_the_reach_of_a_lens_carry_what_they_are_off() -> None:
     assert max(within) < math.radians(0.3)
     assert len(squares) > 20
     assert 0.2 < np.mean(squares) < 3.0, np.mean(squares)
+
+
+def test_strips_that_the_border_of_the_picture_cuts_are_left_out() -> None:
+    """What is seen of them has its middle elsewhere: here 4 px nearer to that of the picture."""
+    gathered = gather(Drive(), pairs=400, wrong=0.0, noise_px=0.5)
+    problem = CameraProblem(strips_of(gathered), reference_of(gathered), gathered.config.camera, {})
+    fit = problem.fit()
+    strips, points = fit.pairs.strips, fit.pairs.points
+    away = np.array([FRONT.place, REAR.place])[strips.cameras] - points
+    half = 600.0 * 0.05 / np.linalg.norm(away, axis=1)
+    x = np.minimum(strips.pixels[:, 0], 1919.0 - strips.pixels[:, 0])
+    assert np.count_nonzero(x < half) > 3
+    assert not fit.used[x < half].any()
+    assert np.mean(fit.used[x > 2.0 * half + 10.0]) > 0.9
 
 
 def test_60_strips_give_bearings_to_half_a_degree_and_name_what_is_missing() -> None:
