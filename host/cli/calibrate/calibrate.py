@@ -151,14 +151,25 @@ def lidar(source: str | None, **common: Any) -> None:
 Examples:
   swarmloc calibrate camera --robot robot.toml --record drive.mcap
   swarmloc calibrate camera drive.mcap --robot robot.toml
+  swarmloc calibrate camera drive.mcap --quick
   swarmloc calibrate camera drive.mcap --boards front=pictures/ --board 9x6:0.025""",
 )
 @click.argument("source", required=False)
 @boards_option
 @board_option
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Only headings, places and delay, to begin with: strips' positions laid on the teammates' "
+    "(Belaroussi 2024), in seconds. The lens and the tilt stay.",
+)
 @fit_options("camera")
 def camera(
-    source: str | None, boards: dict[str, Path], board: tuple[int, int, float], **common: Any
+    source: str | None,
+    boards: dict[str, Path],
+    board: tuple[int, int, float],
+    quick: bool,
+    **common: Any,
 ) -> None:
     """Fit the cameras' lenses, mounting and delay to bearings of a teammate.
 
@@ -166,9 +177,15 @@ def camera(
     """
     from host.calibration.camera.calibrate import calibrate as fit_camera
     from host.calibration.camera.calibrate import camera_advice
+    from host.calibration.camera.quick import calibrate as align_camera
 
+    if quick and boards:
+        raise click.UsageError("--quick leaves the lens as it is: leave --boards out")
     fitting = Fitting(**common)
     name, gathered = fitting.gather(source, camera_advice, lidar_serves=True)
+    if quick:
+        fitting.conclude(align_camera(gathered), name)
+        return
     known = lenses(boards, board, gathered.config.camera)
     fitting.conclude(fit_camera(gathered, known), name)
 

@@ -1,0 +1,198 @@
+"""Start values of the cameras' headings, places and delay, within seconds.
+
+Belaroussi 2024, section 4.4: positions that a camera gives, by a strip's bearing and size, are
+aligned with positions of the lidar or of motion capture by singular value decomposition. Other than
+his, it has a guard against reflections, it finds wrong pairs, and it tries delays. A camera's lens
+and tilt stay as they are, and so a start value is all that it gives.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Ranged, Reference, reference_of
+from host.calibration.gathered import Gathered
+from host.calibration.result import Calibration, Fitted, at_least
+from host.calibration.robust.rigid_alignment import Alignment, align_robustly
+from host.config import Camera
+from host.errors import UserError
+from host.geometry import to_parent, wrap
+from host.messages import FloatArray
+
+_DELAYS_S = np.arange(-0.1, 0.405, 0.05)  # beyond the configured one
+_GATES_M = (0.6, 0.4, 0.3)  # of a pair, in one round after the other
+_MOST_POSITIONS = 400  # of a longer drive every second, third, ... is used
+_LEAST_USED = 0.4
+_START = "a start value: calibrate camera without --quick says how well it is known"
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Positions (n, 2) m that one camera gave, in the robot frame at `times` (n,) s."""
+
+    times: FloatArray
+    positions: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """How the positions of one camera have to be moved, and by how much it is later than known."""
+
+    motion: Alignment
+    delay_s: float
+
+    @property
+    def used(self) -> float:
+        """Share of the positions that the alignment rests upon."""
+        return float(np.mean(self.motion.inliers))
+
+    def moved(self, camera: Camera) -> FloatArray:
+        """x, y (m) and heading (rad) of the camera: (3,)."""
+        (place,) = self.motion.apply(np.array([[camera.x_m, camera.y_m]]))
+        return np.append(place, float(wrap(camera.heading_rad + self.motion.heading)))
+
+
+def calibrate(gathered: Gathered) -> Calibration:
+    """Align each camera with motion capture, or the lidar where there is none.
+
+    Where there are both, the figures have the alignment with the lidar, too. Raises UserError where
+    no camera gave enough positions.
+    """
+    begin = time.perf_counter()
+    config = gathered.config.camera
+    reference = reference_of(gathered)
+    found = _aligned(gathered, reference)
+    if not found:
+        raise UserError(
+            "the cameras cannot be aligned",
+            f"none of them gave {LEAST_PAIRS} positions of strips that agree with a teammate's",
+            "bring a teammate nearer, and check the strip's colour and height in [camera.strip]",
+        )
+    rows: list[Fitted] = []
+    for name, aligned in found.items():
+        rows += _rows(name, getattr(config, name), aligned)
+    delay = float(np.median([aligned.delay_s for aligned in found.values()]))
+    rows.append(
+        Fitted(
+            key="camera.delay_s",
+            name="delay of the cameras",
+            value=max(config.delay_s + delay, 0.0),
+            sigma=math.nan,
+            unbounded=_START,
+            before=config.delay_s,
+            unit="ms",
+        )
+    )
+    figures: dict[str, Any] = {"used": {name: each.used for name, each in found.items()}}
+    if gathered.bodies and len(gathered.scans) > 1:
+        by_lidar = _aligned(gathered, Ranged(gathered))
+        figures["by_lidar"] = {
+            name: each.moved(getattr(config, name)).tolist() for name, each in by_lidar.items()
+        }
+    figures["seconds"] = time.perf_counter() - begin
+    least = min(each.used for each in found.values())
+    advice = "drive with one teammate in plain view, and check the strip's colour"
+    return Calibration(
+        kind="camera",
+        fitted=tuple(rows),
+        checks=(at_least("positions that agree", least, _LEAST_USED, "%", advice),),
+        residuals=", ".join(
+            f"{name}: rms {1e3 * each.motion.rms:.0f} mm over {len(each.motion.inliers)} positions"
+            for name, each in found.items()
+        ),
+        warnings=("a start value: the lens and the tilt stay as they are",),
+        figures=figures,
+    )
+
+
+def seen_by(gathered: Gathered, camera: str) -> Seen:
+    """Where a camera saw strips, by bearing and size."""
+    times: list[float] = []
+    positions = [np.zeros((0, 2))]
+    for bearings in gathered.bearings:
+        if bearings.camera == camera and bearings.ranges is not None:
+            along = np.column_stack((np.cos(bearings.bearings), np.sin(bearings.bearings)))
+            positions.append(np.array(bearings.origin) + bearings.ranges[:, None] * along)
+            times += [bearings.time] * len(along)
+    step = -(-len(times) // _MOST_POSITIONS) or 1
+    return Seen(np.array(times)[::step], np.concatenate(positions)[::step])
+
+
+def aligned_with(seen: Seen, reference: Reference) -> Aligned:
+    """The alignment at the delay at which the errors are least. Raises UserError where none is."""
+    tried = []
+    for delay in _DELAYS_S:
+        teammates = reference.positions(seen.times, -float(delay))
+        try:
+            motion = _align(seen, teammates)
+        except UserError:
+            continue
+        tried.append((_cost(seen, teammates, motion.pose), float(delay), motion))
+    if not tried:
+        raise UserError("no delay aligns the camera", "", "bring a teammate nearer")
+    _, delay, motion = min(tried, key=lambda each: each[0])
+    return Aligned(motion, delay)
+
+
+def _aligned(gathered: Gathered, reference: Reference) -> dict[str, Aligned]:
+    """Of each camera that gave enough."""
+    found: dict[str, Aligned] = {}
+    for name in CAMERAS:
+        seen = seen_by(gathered, name)
+        if len(seen.times) >= LEAST_PAIRS:
+            try:
+                found[name] = aligned_with(seen, reference)
+            except UserError:
+                continue
+    return found
+
+
+def _align(seen: Seen, teammates: FloatArray) -> Alignment:
+    """With each position's nearest teammate (n, m, 2), found again after every round."""
+    pose = np.zeros(3)
+    for gate in _GATES_M:
+        nearest, apart = _nearest(to_parent(seen.positions, pose), teammates)
+        known = np.isfinite(apart)
+        if np.count_nonzero(known) < LEAST_PAIRS:
+            raise UserError("too few positions with a teammate", "", "bring a teammate nearer")
+        weights = np.where(known, 1.0 / np.sum(seen.positions**2, axis=1), 0.0)
+        partners = np.where(known[:, None], nearest, 0.0)
+        motion = align_robustly(seen.positions, partners, gate, weights, start=pose)
+        pose = motion.pose
+    return motion
+
+
+def _nearest(positions: FloatArray, teammates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The nearest teammate (n, 2) of each position (n, 2), and how far (n,) m it is; inf: none."""
+    apart = np.linalg.norm(teammates - positions[:, None], axis=2)
+    apart = np.where(np.isfinite(apart), apart, math.inf)
+    rows, best = np.arange(len(positions)), np.argmin(apart, axis=1)
+    return teammates[rows, best], apart[rows, best]
+
+
+def _cost(seen: Seen, teammates: FloatArray, pose: FloatArray) -> float:
+    """Mean squared error relative to the distance, each cut off at that of the last gate."""
+    _, apart = _nearest(to_parent(seen.positions, pose), teammates)
+    return float(np.mean(np.minimum(apart, _GATES_M[-1]) ** 2 / np.sum(seen.positions**2, axis=1)))
+
+
+def _rows(name: str, camera: Camera, aligned: Aligned) -> Sequence[Fitted]:
+    values = aligned.moved(camera)
+    sigmas = np.sqrt(np.diag(aligned.motion.covariance))
+    labels = (("x_m", "place x", "mm"), ("y_m", "place y", "mm"), ("heading_rad", "heading", "deg"))
+    return [
+        Fitted(
+            key=f"camera.{name}.{key}",
+            name=f"{name} {label}",
+            value=float(value),
+            sigma=float(sigma),
+            unbounded=_START,
+            before=float(getattr(camera, key)),
+            unit=unit,
+        )
+        for (key, label, unit), value, sigma in zip(labels, values, sigmas, strict=True)
+    ]
