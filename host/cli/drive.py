@@ -10,10 +10,12 @@ import click
 from host.behaviour import catalogue
 from host.behaviour.interface import Behaviour
 from host.behaviour.keys import HELP, Keys
+from host.behaviour.stick import Stick
 from host.cli import options
 from host.cli.calibrate import gathering
 from host.cli.calibrate.fitting import drive_name
 from host.cli.drive_square import square
+from host.cli.terminal.gamepad import HOLD, find, gamepad_read
 from host.cli.terminal.keyboard import keys_read
 from host.cli.terminal.live_screen import check_failures, show_run, view_option, viewer_at
 from host.cli.terminal.summary import summary
@@ -112,6 +114,23 @@ def keys(**common: Any) -> None:
     with keys_read(press, driver.end):
         click.echo(HELP)
         _drive(lambda robot: driver, **common)
+
+
+@drive.command(
+    epilog="""\b
+Example:
+  swarmloc drive gamepad --robot robot.toml"""
+)
+@click.option(
+    "--device", metavar="PATH", help="As /dev/input/event5.  [default: the first gamepad]"
+)
+@drive_options
+def gamepad(device: str | None, **common: Any) -> None:
+    """Drive by a gamepad while L1 or R1 is held; Ctrl-C or unplugging it ends."""
+    stick = Stick()
+    with gamepad_read(find(device), stick):
+        click.echo(HOLD)
+        _drive(lambda robot: stick, **common)
 
 
 @drive.command(

@@ -10,8 +10,10 @@ from typing import Any
 
 import click
 
+from host.behaviour.stick import Stick
 from host.cli import options
 from host.cli.terminal.live_screen import (
+    NO_VIEW,
     check_failures,
     foxglove_option,
     show_run,
@@ -21,11 +23,12 @@ from host.cli.terminal.live_screen import (
 from host.cli.terminal.summary import summary
 from host.errors import UserError
 from host.registry import SCENARIOS
+from host.sessions.driving import driving_of
 from host.sessions.robot import robot_configuration
 from host.simulation.live import Interval
 from host.simulation.world import scenarios
 from host.sources.rig import real_rig, simulated_rig
-from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
+from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, SENSORS
 from host.viewer.foxglove_server import FoxgloveServer
 from host.viewer.server import Viewer
 
@@ -89,6 +92,12 @@ Examples:
     help="Sensors to use besides the wheels.  [default: those there are]",
 )
 @view_option
+@click.option(
+    "--drive",
+    "drives",
+    is_flag=True,
+    help="A stick on the live page drives the robot; the page's address ends in a token.",
+)
 @foxglove_option
 @options.filter_option
 @options.json_option
@@ -101,6 +110,7 @@ def run(
     pictures: bool,
     sensors: str | None,
     view: tuple[str, int] | None,
+    drives: bool,
     foxglove: tuple[str, int] | None,
     filter_name: str | None,
     json_path: Path | None,
@@ -110,22 +120,29 @@ def run(
         raise click.UsageError("--pictures needs --record: without it, the live page shows them")
     if unplug and scenario is None:
         raise click.UsageError("--unplug needs --simulate: a real device is unplugged by hand")
+    if drives and view == NO_VIEW:
+        raise click.UsageError("--drive needs the live page: leave --view none out")
+    if drives and sensors == CAMERA_ONLY:
+        raise click.UsageError("--drive needs the lidar, which stops the robot before walls")
     robot = robot_configuration(robot_path, filter_name)
     with contextlib.ExitStack() as stack:
         if scenario is None:
             rig = real_rig(robot, sensors)
         else:
-            rig = simulated_rig(stack, robot, scenario, unplug, sensors or LIDAR_AND_CAMERA)
+            wanted = sensors or LIDAR_AND_CAMERA
+            rig = simulated_rig(stack, robot, scenario, unplug, wanted, driven=drives)
             if seconds is None and "seconds" in scenarios.settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
         rig = replace(rig, record_pictures=pictures)
-        viewer = viewer_at(rig, view)
+        stick = Stick() if drives else None
+        driving = driving_of(rig, stick) if stick is not None else None
+        viewer = viewer_at(rig, view, stick)
         viewers: dict[str, Viewer | FoxgloveServer] = {}
         if viewer is not None:
             viewers["page"] = stack.enter_context(viewer)
         if foxglove is not None:
             viewers["foxglove"] = stack.enter_context(FoxgloveServer(rig.config, *foxglove))
-        outcome = show_run(rig, seconds, record, viewers)
+        outcome = show_run(rig, seconds, record, viewers, driving)
     options.write_json(json_path, outcome.figures)
     click.echo(summary(outcome.figures))
     check_failures(outcome)

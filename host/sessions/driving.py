@@ -5,26 +5,15 @@ import contextlib
 from host.behaviour.driving import Driving
 from host.behaviour.interface import Behaviour
 from host.config import RobotConfig
-from host.errors import UserError
 from host.simulation.offline import OBSERVER
-from host.simulation.world import scenarios
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
 
 
 def drive_rig(stack: contextlib.ExitStack, robot: RobotConfig, scenario: str | None) -> Rig:
-    """The devices to drive with: the robot's, or simulated ones, which run until `stack` is left.
-
-    Raises UserError for a scenario that cannot be driven live.
-    """
+    """The devices to drive with: the robot's, or simulated ones until `stack` is left."""
     if scenario is None:
         return real_rig(robot, None)
-    if scenarios.parse_scenario(scenario).stacks == "all":
-        raise UserError(
-            f"cannot drive {scenario} live",
-            "with stacks=all every robot drives itself, which is simulated at full speed only",
-            f"leave stacks=all out, or record it: swarmloc simulate {scenario} --output FILE",
-        )
     return simulated_rig(stack, robot, scenario, {}, LIDAR_AND_CAMERA, driven=True)
 
 

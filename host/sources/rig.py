@@ -87,9 +87,17 @@ def simulated_rig(
     """Simulated devices, which run until `stack` is left.
 
     driven: the robot obeys its board, and so the host, instead of following its scripted path.
+    Raises UserError for robots on their own stacks: they are simulated offline.
     """
-    board = board_entry(robot.board.model).best(robot.motors)
     parsed = scenarios.parse_scenario(scenario)
+    if parsed.stacks == "all" or (parsed.stacks == "own" and not driven):
+        raise UserError(
+            f"cannot simulate {scenario} live",
+            f"stacks={parsed.stacks}: robots on their own stacks are simulated at full speed only",
+            f"record it: swarmloc simulate {scenario} --output FILE; or drive one robot live: "
+            "swarmloc drive walk --simulate",
+        )
+    board = board_entry(robot.board.model).best(robot.motors)
     live = stack.enter_context(LiveSimulation(parsed, robot, unplug, board, driven=driven))
     config = live.config
     sources = {**_drivers(config, sensors), **_motion_capture(config)}

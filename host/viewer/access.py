@@ -46,7 +46,11 @@ class Access:
             return False
 
 
-def access(address: str, port: int) -> Access:
-    """The rules for a server at an address: a token unless only this computer reaches it."""
-    local = ipaddress.ip_address(address).is_loopback
-    return Access(port, "" if local else secrets.token_urlsafe(16))
+def access(address: str, port: int, driven: bool = False) -> Access:
+    """The rules for a server at an address.
+
+    A token unless only this computer reaches it; also there where who reads may drive, for other
+    users of this computer reach it, too.
+    """
+    open_to_all = ipaddress.ip_address(address).is_loopback and not driven
+    return Access(port, "" if open_to_all else secrets.token_urlsafe(16))

@@ -19,6 +19,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from host.behaviour.stick import Stick
 from host.errors import UserError
 from host.messages import Bearings, Message
 from host.pipeline import Now
@@ -26,9 +27,11 @@ from host.viewer.access import access
 from host.viewer.channel import Channel
 from host.viewer.page import page
 from host.viewer.scene import Scene, blobs
+from host.viewer.steering import Steering
 
 DEFAULT_PORT = 8737
 _STREAM, _PICTURES, _PLAYBACK = "/stream", "/pictures", "/playback"
+_DRIVE = "/drive"
 _PICTURE_S = 0.2  # between two pictures of a camera
 # The page may use what is in it and talk to this server; nothing else, and nobody may frame it.
 _NO_WEB = (
@@ -42,23 +45,33 @@ _READER_BUFFER = 65536  # bytes towards one reader; more would only grow old
 class Viewer:
     """Serves from entry to exit of its `with` block. url: what a person opens.
 
-    address, port: where it listens; port 0: a free one. Raises UserError where it cannot.
+    address, port: where it listens; port 0: a free one. stick: who opens the page may drive by it.
+    Raises UserError where it cannot.
     """
 
-    def __init__(self, scene: Scene, address: str = "127.0.0.1", port: int = DEFAULT_PORT) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        address: str = "127.0.0.1",
+        port: int = DEFAULT_PORT,
+        stick: Stick | None = None,
+    ) -> None:
         self._scene = scene
         self._socket = _listening(address, port)
-        self._access = access(address, self._socket.getsockname()[1])
+        driven = stick is not None
+        self._access = access(address, self._socket.getsockname()[1], driven)
         token = f"/?token={self._access.token}" if self._access.token else "/"
         shown = _own_address() if ipaddress.ip_address(address).is_unspecified else address
         self.url = f"http://{_bracketed(shown)}:{self._access.port}{token}"
-        self._page = page().encode()
+        self._page = page(driven).encode()
         self._loop = asyncio.new_event_loop()
         of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
         self._channels = {path: Channel() for path in (_STREAM, *of_cameras)}
         self._serving = {path: channel.serve for path, channel in self._channels.items()}
         if scene.playback is not None:
             self._serving[_PLAYBACK] = self._obey
+        if stick is not None:
+            self._serving[_DRIVE] = Steering(stick).serve
         self._due = dict.fromkeys(scene.pictures, 0.0)  # when the next picture may go, s
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)

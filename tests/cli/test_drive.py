@@ -1,7 +1,10 @@
 """`swarmloc drive` as a person meets it."""
 
+import json
 import re
+from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
@@ -17,13 +20,26 @@ def test_keys_drive_a_simulated_robot_and_x_ends_it(on_screen):
     assert "contacts: the robot drove against something 0 times" in screen.text
 
 
-def test_without_a_terminal_there_are_no_keys_and_live_there_is_one_stack() -> None:
+def test_without_a_terminal_there_are_no_keys() -> None:
     run = CliRunner().invoke(main, ["drive", "--simulate", "arena4"])
     assert run.exit_code == 1
     assert "not a terminal" in run.output
-    run = CliRunner().invoke(main, ["drive", "walk", "--simulate", "arena4:stacks=all"])
+
+
+@pytest.mark.parametrize(
+    ("command", "scenario"),
+    [
+        ("drive walk", "arena4:stacks=all"),
+        ("run", "arena4:stacks=all"),
+        ("run", "formation6"),
+        ("run", "arena4:stacks=own"),
+        ("doctor", "arena4:stacks=all"),
+    ],
+)
+def test_robots_on_their_own_stacks_are_not_simulated_live(command: str, scenario: str) -> None:
+    run = CliRunner().invoke(main, [*command.split(), "--simulate", scenario])
     assert run.exit_code == 1
-    assert "swarmloc simulate arena4:stacks=all" in run.output
+    assert f"swarmloc simulate {scenario} --output FILE" in run.output.replace("\n", " ")
 
 
 def test_a_scenario_names_its_stacks_and_behaviour() -> None:
@@ -33,4 +49,32 @@ def test_a_scenario_names_its_stacks_and_behaviour() -> None:
     ):
         run = CliRunner().invoke(main, ["simulate", f"arena4:{setting}", "--output", "no.mcap"])
         assert run.exit_code == 1
+        assert wanted in run.output
+
+
+def test_a_walk_and_a_drive_to_calibrate_by_end_after_their_seconds(tmp_path: Path) -> None:
+    figures = tmp_path / "walk.json"
+    common = ["--simulate", "arena4:seed=3", "--seconds"]
+    run = CliRunner().invoke(
+        main, ["drive", "walk", *common, "2.5", "--view", "none", "--json", str(figures)]
+    )
+    assert run.exit_code == 0, run.output
+    assert "the robot drove against something 0 times" in run.output
+    assert "driver" in json.loads(figures.read_text())["result"]["devices"]
+    recording = tmp_path / "drive.mcap"
+    run = CliRunner().invoke(
+        main, ["drive", "calibration", *common, "2", "--record", str(recording)]
+    )
+    assert run.exit_code == 0, run.output
+    assert "next: swarmloc calibrate wheels" in run.output
+    assert recording.stat().st_size > 1000
+
+
+def test_driving_by_the_page_needs_the_page_and_the_lidar() -> None:
+    for options, wanted in (
+        (["--view", "none"], "leave --view none out"),
+        (["--sensors", "camera"], "needs the lidar"),
+    ):
+        run = CliRunner().invoke(main, ["run", "--simulate", "--drive", *options])
+        assert run.exit_code == 2
         assert wanted in run.output

@@ -13,6 +13,7 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.chrome.webdriver import WebDriver
 
+from host.behaviour.stick import Stick
 from host.messages import Bearings, Message
 from host.pipeline import Now
 from host.viewer.server import Viewer
@@ -31,9 +32,10 @@ class Served:
         address: str = "127.0.0.1",
         pictures: Sequence[str] = (),
         picture: tuple[bytes, Bearings] | None = None,
+        stick: Stick | None = None,
     ) -> None:
         self.now = now or scenes.now(1.0, (1.0, 0.5))
-        self.viewer = Viewer(scenes.a_scene(pictures), address, 0)
+        self.viewer = Viewer(scenes.a_scene(pictures), address, 0, stick)
         self._messages, self._picture = messages, picture
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._tell)

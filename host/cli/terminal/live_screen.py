@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from host.behaviour.driving import Driving
+from host.behaviour.stick import Stick
 from host.cli.terminal.console import FRAME_S, LINE_S, Console, State
 from host.cli.terminal.signals import signals_caught
 from host.errors import UserError
@@ -69,22 +70,25 @@ def check_failures(outcome: RunOutcome) -> None:
         raise RuntimeError(f"the {name} failed ({type(error).__name__}: {error})") from error
 
 
-def viewer_at(rig: Rig, view: tuple[str, int] | None) -> Viewer | None:
-    """The server of the live page; None where none is wanted. Raises UserError."""
+def viewer_at(rig: Rig, view: tuple[str, int] | None, stick: Stick | None = None) -> Viewer | None:
+    """The server of the live page; None where none is wanted. Raises UserError.
+
+    stick: who opens the page may drive by it.
+    """
     scene = Scene(rig.config, rig.config.filter.profile, [camera.name for camera in rig.cameras])
     if view == NO_VIEW:
         return None
-    viewer = Viewer(scene, *view) if view is not None else _somewhere(scene)
+    viewer = Viewer(scene, *view, stick) if view is not None else _somewhere(scene, stick)
     for camera in rig.cameras:
         camera.watchers.append(viewer.show)
     return viewer
 
 
-def _somewhere(scene: Scene) -> Viewer:
+def _somewhere(scene: Scene, stick: Stick | None) -> Viewer:
     try:
-        return Viewer(scene)
+        return Viewer(scene, stick=stick)
     except UserError:  # another run has the port
-        return Viewer(scene, port=0)
+        return Viewer(scene, port=0, stick=stick)
 
 
 def show_run(
