@@ -8,6 +8,9 @@ from host.errors import UserError
 from host.recording.elsewhere.mrclam import load_dataset, read_source
 from host.registry import SCENARIOS
 from host.simulation.world.scenarios import settings
+from host.systems.id_phd.mrclam_identities import mrclam_identities
+from host.systems.id_phd.overhead import OverheadScenario
+from host.systems.id_phd.overhead_score import overhead_score
 from host.systems.kalman_hungarian.simulated import measures, simulated_scores
 from host.systems.particles.simulated import IntruderScenario, tracked
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
@@ -17,7 +20,7 @@ Figures = dict[str, float]
 Variants = dict[str, Figures]
 AnyScenario = TypeVar("AnyScenario")
 
-DATASET, SWARM, INTRUDER = "mrclam", "swarm", "intruder"
+DATASET, SWARM, INTRUDER, OVERHEAD = "mrclam", "swarm", "intruder", "overhead"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,23 @@ def _swarm_simulated(source: str) -> Variants:
     }
 
 
+def _identities_on_dataset(source: str) -> Variants:
+    folder, landmarks = read_source(source)
+    dataset = load_dataset(folder)
+    return {
+        variant: mrclam_identities(dataset, landmarks, variant)
+        for variant in ("id_phd", "printed", "barcodes")
+    }
+
+
+def _overhead(source: str) -> Variants:
+    scenario = _scenario(OverheadScenario, source)
+    return {
+        "id_phd": overhead_score(scenario),
+        "printed": overhead_score(scenario, printed=True),
+    }
+
+
 def _intruder(source: str) -> Variants:
     return tracked(_scenario(IntruderScenario, source))
 
@@ -88,6 +108,12 @@ SYSTEMS = {
             {DATASET: _swarm_on_dataset, SWARM: _swarm_simulated},
         ),
         System(
+            "id_phd",
+            "Stegagno 2013",
+            "one robot's sightings without names, and the odometry that the others send it",
+            {DATASET: _identities_on_dataset, OVERHEAD: _overhead},
+        ),
+        System(
             "particles",
             "Lee 2012",
             "distances to one thing from robots whose places are known",
@@ -99,7 +125,7 @@ SYSTEMS = {
 
 def is_system_source(source: str) -> bool:
     """Whether only systems of this catalogue can be scored on a source."""
-    return _kind(source) in (SWARM, INTRUDER)
+    return _kind(source) in (SWARM, INTRUDER, OVERHEAD)
 
 
 def score_systems(sources: Sequence[str], names: Sequence[str]) -> Iterator[SystemRow]:

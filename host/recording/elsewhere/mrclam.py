@@ -40,6 +40,7 @@ _LONGEST_STEP_S = 0.1
 TRANSLATION_VARIANCE_PER_M = 0.002
 HEADING_VARIANCE_PER_RAD = 0.016
 HEADING_VARIANCE_PER_S = 2.4e-4
+DRIVEN_LATER_S = 0.2  # that lag
 
 VICON_GAP_S = 0.2  # neighbouring samples further apart than this are a gap
 
@@ -84,6 +85,10 @@ class Dataset:
         steps = _displacements(log.odometry, np.array([frame.time for frame in frames]))
         # Stable, so that at equal times the displacement comes first.
         return sorted([*steps, *frames], key=lambda message: message.time)
+
+    def motion(self, robot: int) -> list[Displacement]:
+        """What `robot` drove, alone."""
+        return _displacements(self.robots[robot].odometry, np.zeros(0))
 
     def has_vicon(self, time: float) -> bool:
         """Whether Vicon saw every robot around `time`: no gap of its record lies there."""

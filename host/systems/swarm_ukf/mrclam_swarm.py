@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from host.messages import Displacement, FloatArray, Positions
-from host.recording.elsewhere.mrclam import Dataset
+from host.recording.elsewhere.mrclam import DRIVEN_LATER_S, Dataset
 from host.systems.swarm_ukf.joint_map import Neighbours
 from host.systems.swarm_ukf.scoring import Event, SwarmScore, score_swarm
 from host.systems.swarm_ukf.swarm import SwarmSettings, SwarmUkf
 
-# The logged velocities are commands: driven that much later, at gains of 0.71 to 0.98.
-_DRIVEN_LATER_S = 0.2
+# The logged velocities are commands, driven at gains of 0.71 to 0.98.
 _GAIN_SIGMAS = (0.1, 0.2)
 _ALIKE_READINGS = 3.0  # readings of successive pictures share errors: each counts as a third
 
@@ -46,7 +45,7 @@ def _events(dataset: Dataset) -> Iterator[Event]:
 
 def _report(message: Displacement | Positions) -> Displacement | Positions:
     if isinstance(message, Displacement):
-        return replace(message, time=message.time + _DRIVEN_LATER_S)
+        return replace(message, time=message.time + DRIVEN_LATER_S)
     identities = message.identities
     return replace(
         message,
