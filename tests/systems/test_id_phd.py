@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from host.geometry import to_frame, to_parent, wrap
 from host.messages import Displacement, Positions
 from host.recording.elsewhere.mrclam import load_dataset
+from host.systems.catalogue import score_systems
 from host.systems.id_phd.id_phd import IdPhd
 from host.systems.id_phd.mrclam_identities import observer_samples
 from host.systems.id_phd.overhead import (
@@ -208,6 +209,18 @@ def test_odometry_that_comes_late_is_not_lost():
                 hear_all(localizer, 0.1 * (k - delay), (7,))
             localizer.update(a_frame(0.1 * k, (0.02 * k, 0.5)))
     assert late.beliefs()[0].pose == pytest.approx(prompt.beliefs()[0].pose, abs=0.02)
+
+
+def test_the_filter_as_printed_runs_on_the_same_source():
+    """It names robots, too; how well is for the documentation."""
+    (row,) = (
+        row
+        for row in score_systems(["overhead:seed=1,seconds=2"], ["id_phd"])
+        if row.variant == "printed"
+    )
+    assert row.figures["error_m"] < 2.0 or math.isinf(row.figures["error_m"])
+    (refused,) = score_systems(["intruder:seed=1"], ["id_phd"])
+    assert "odometry that the others send" in refused.why
 
 
 def test_the_simulated_camera_is_deterministic():

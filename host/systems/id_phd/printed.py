@@ -123,10 +123,9 @@ class PrintedIdPhd:
         order = np.argsort(-self._weights, kind="stable")[: 3 * _MOST]
         order = order[self._weights[order] > _LEAST_WEIGHT]
         poses, weights, tags = self._poses.take(order), self._weights[order], self._tags[order]
-        leaders = np.argmax(alike(poses, tags, _ONE), axis=1)  # the heaviest that says the same
-        leaders = leaders[leaders]
-        first, groups = np.unique(leaders, return_inverse=True)
-        if len(first):
+        if len(tags):
+            leaders = np.argmax(alike(poses, tags, _ONE), axis=1)  # the heaviest of the same
+            first, groups = np.unique(leaders[leaders], return_inverse=True)
             poses, logs = summed(poses, np.log(weights), groups.ravel(), first)
             weights, tags = np.exp(logs), tags[first]
         best = np.sort(np.argsort(-weights, kind="stable")[:_MOST])
