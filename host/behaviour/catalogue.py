@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from host.behaviour.formations import Circle
+from host.behaviour.formations.circle import Circle
+from host.behaviour.formations.intruder import Enclose, Keep
+from host.behaviour.formations.line import Gather, Line
 from host.behaviour.interface import Behaviour
 from host.behaviour.survey import Survey
 from host.behaviour.walk import RandomWalk
@@ -18,7 +20,23 @@ class BehaviourEntry:
     make: Callable[[RobotConfig, int], Behaviour]
 
 
-BEHAVIOURS.register("circle", BehaviourEntry(lambda robot, seed: Circle()))
+FORMATIONS: dict[str, Callable[[], Behaviour]] = {
+    "circle": lambda: Circle(speed_mps=0.12),
+    "enclose": Enclose,
+    "gather": Gather,
+    "keep": Keep,
+    "line": Line,
+    "platoon": Circle,
+}
+
+
+def _alike(make: Callable[[], Behaviour]) -> BehaviourEntry:
+    """A behaviour that is the same for every robot and seed."""
+    return BehaviourEntry(lambda robot, seed: make())
+
+
+for _name, _make in FORMATIONS.items():
+    BEHAVIOURS.register(_name, _alike(_make))
 BEHAVIOURS.register("survey", BehaviourEntry(lambda robot, seed: Survey(seed)))
 BEHAVIOURS.register("walk", BehaviourEntry(lambda robot, seed: RandomWalk(seed)))
 

@@ -148,6 +148,21 @@ def walk(seed: int, **common: Any) -> None:
 @drive.command(
     epilog="""\b
 Example:
+  swarmloc drive formation circle --simulate arena4 --seconds 30"""
+)
+@click.argument("name", metavar="NAME", type=click.Choice(sorted(catalogue.FORMATIONS)))
+@drive_options
+def formation(name: str, **common: Any) -> None:
+    """Take a place among the teammates, by its own estimates: circle, enclose, line, ...
+
+    docs/behaviours.md says what each does. A whole swarm: swarmloc simulate formation6.
+    """
+    _drive(lambda robot: catalogue.make(name, robot), **common)
+
+
+@drive.command(
+    epilog="""\b
+Example:
   swarmloc drive calibration --simulate misbuilt4 --record drive.mcap"""
 )
 @options.robot_option

@@ -68,7 +68,8 @@ class Swarm:
                 scenario.behaviour, config, scenario.seed * scenario.robots + robot
             )
         )
-        robots = range(scenario.robots) if scenario.stacks == "all" else (OBSERVER,)
+        own = max(scenario.robots - scenario.intruders, 1)
+        robots = range(own) if scenario.stacks == "all" else (OBSERVER,)
         self.stacks = {
             robot: Stack(
                 Simulation(scenario, config, board, driven=True, robot=robot, arena=self.arena),
@@ -86,6 +87,11 @@ class Swarm:
     def contacts(self) -> list[Contact]:
         """Who drove against what so far."""
         return self.arena.contacts
+
+    def take_away(self, robot: int) -> None:
+        """Carry a robot out of the room; not the observer."""
+        del self.stacks[robot]
+        self.arena.take_away(robot)
 
     def messages(self) -> Iterator[Message]:
         """What the observer's devices deliver, as `Simulation.messages`; once."""

@@ -25,6 +25,7 @@ ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
+_AWAY_M = 1e3
 _START_CLEARANCE_M = 0.4  # from furniture; more than a pair's reach
 SENSOR_BEARINGS = np.radians([60.0, 20.0, -20.0, -60.0])  # the left two come first
 SENSOR_HALF_CONE = math.radians(20.0)
@@ -132,6 +133,12 @@ class Arena:
         self._wheelworks[walker] = wheelwork
         self._drives[walker] = False
         self._speed[walker] = 0.0
+
+    def take_away(self, robot: int) -> None:
+        """Carry a robot that was handed over far out of the room, where it stays."""
+        del self._wheelworks[robot]
+        self._velocity[robot] = self._turn_rate[robot] = 0.0
+        self._position[robot] = _AWAY_M
 
     @property
     def now(self) -> float:

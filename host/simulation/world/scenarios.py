@@ -50,6 +50,7 @@ class Scenario:
     # Which robots drive on their own stacks, from sensors to wheels, instead of scripted paths.
     stacks: str = _one_of(STACKS)
     behaviour: str = field(default="walk", metadata={"words": None})  # and what they do
+    intruders: int = _bounded(0, 0, 59)  # the last ones are on scripted paths in any case
 
     # Of ordinary errors in how the observing robot was built (`built`); 0: as its robot.toml says.
     misbuilt: float = _bounded(0.0, 0.0, 3.0)
@@ -126,6 +127,20 @@ SCENARIOS.register(
 )
 SCENARIOS.register("belaroussi2", replace(_STEREO, name="belaroussi2", at_edge=1))
 SCENARIOS.register("belaroussi3", replace(_STEREO, name="belaroussi3"))
+# The seventh walks on a scripted path, and the others shut it in.
+SCENARIOS.register(
+    "enclosure7",
+    Scenario(
+        name="enclosure7",
+        robots=7,
+        posts=0,
+        side_m=5.0,
+        speed_mps=0.15,
+        stacks="all",
+        behaviour="enclose",
+        intruders=1,
+    ),
+)
 # To be calibrated: wheels, lidar and cameras are off, and late by 150 ms more than is known.
 SCENARIOS.register(
     "misbuilt4",

@@ -96,7 +96,7 @@ def test_scenarios_are_read_as_written() -> None:
     assert (arena4.robots, arena4.posts, arena4.side_m) == (4, 2, 3.0)
     assert (swarm20.robots, swarm20.posts, swarm20.side_m) == (20, 6, 6.0)
     assert (swarm20.seconds, swarm20.seed, swarm20.camera_hz) == (30.0, 7, 5.0)
-    known = {"arena4", "swarm20", "furnished6", "formation6", "misbuilt4"}
+    known = {"arena4", "swarm20", "furnished6", "formation6", "enclosure7", "misbuilt4"}
     assert set(SCENARIOS.names()) == known | {"belaroussi1", "belaroussi2", "belaroussi3"}
 
 
