@@ -38,9 +38,9 @@ def test_the_example_follows_a_teammate_on_all_stacks(tmp_path, monkeypatch):
 def test_the_formation_is_recorded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     simulate = shlex.split(FORMATION.splitlines()[0])[1:]
-    short = [word.replace("seconds=30", "seconds=1") for word in simulate]
+    short = [word.replace("seconds=40", "seconds=1") for word in simulate]
     assert short != simulate
     run = CliRunner().invoke(main, short)
     assert run.exit_code == 0, run.output
-    truths = [m for m in Recording(Path("circle.mcap")).messages() if isinstance(m, Truth)]
+    truths = [m for m in Recording(Path("line.mcap")).messages() if isinstance(m, Truth)]
     assert len(truths[-1].identities) == 5

@@ -233,10 +233,10 @@ def test_alone_it_looks_around(name: str) -> None:
     assert (command.speed_mps, command.turn_rate_radps) == (0.0, 0.5)
 
 
-@pytest.mark.parametrize("name", ["enclose", "keep"])
-def test_without_anyone_who_moves_it_stands(name: str) -> None:
+@pytest.mark.parametrize(("name", "stands_s"), [("enclose", 2.9), ("keep", 8.0)])
+def test_it_stands_and_watches_for_one_that_moves(name: str, stands_s: float) -> None:
     behaviour = FORMATIONS[name]()
-    for time in np.arange(0.0, 8.0, 0.1):
+    for time in np.arange(0.0, stands_s, 0.1):
         command = behaviour.command(situation(time=time, teammates=np.array([[1.0, 0.5]])))
         assert command is not None
         assert command.speed_mps == 0.0

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from host.behaviour.formations.circle import RADIUS_M, on_circle
+from host.behaviour.formations.line import Gather
 from host.behaviour.formations.motion import clear, towards
 from host.behaviour.formations.target import Target
 from host.behaviour.interface import STILL, Command, Situation
@@ -22,14 +23,14 @@ class Enclose:
 
     def __init__(self, radius_m: float = RADIUS_M, speed_mps: float = 0.0) -> None:
         self._radius_m, self._speed_mps = radius_m, speed_mps
-        self._target = Target(radius_m)
+        self._target, self._meet = Target(radius_m), Gather()
 
     def command(self, now: Situation) -> Command:
-        """Never done. It stands until it knows whom to enclose."""
+        """Never done. While it does not know whom to enclose it keeps to its teammates."""
         row = self._target.find(now)
         place = self._target.place(now)
         if place is None:
-            return STILL
+            return STILL if self._target.watching(now) else self._meet.command(now)
         mates = now.teammates if row is None else np.delete(now.teammates, row, axis=0)
         velocity = on_circle(mates, place, self._radius_m, self._speed_mps)
         return towards(clear(now, velocity + self._target.velocity(now)))

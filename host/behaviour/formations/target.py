@@ -1,8 +1,8 @@
 """Which of the anonymous teammates is the one that a formation is about, and how it moves.
 
 The team stands and watches: whoever moves is the target. Then it is whoever is where the target
-should be by now; its label may change. Where that went wrong the formation itself shows it: all
-others stand at the radius around another one.
+should be by now; its label may change. Who did not see it move, or lost it, sees it by the
+formation: most others stand at the radius around it.
 """
 
 import math
@@ -16,12 +16,12 @@ from host.messages import FloatArray
 
 _WATCH_S = 3.0
 _MOVED_M = 0.2  # while it was watched: more than a standing teammate's estimate wanders
+_LATEST_S = 0.5
 _JUMP_M = 0.15  # between two estimates: the label has passed to another one
 _GATE_M, _GATE_MPS = 0.25, 0.3  # from where the target should be, and more for each second unseen
 _SLOPE_S = 1.2  # over which its velocity is taken
 _SAMPLE_S = 0.1
-_EVEN_M = 0.25  # rms by which others are off the radius around the one in the middle ...
-_CLEARLY = 2.0  # ... and so many times more around the one that was taken for the target
+_RING_M, _MANY = 0.25, 3  # so many others so well at the radius: they stand around it
 _DOUBT_S = 2.0
 
 
@@ -33,10 +33,16 @@ class Target:
 
     def __init__(self, radius_m: float | None = None) -> None:
         self._radius_m = radius_m
+        # Later the team moves, too.
+        self._until_s = math.inf if radius_m is None else _WATCH_S + _LATEST_S
         self._began = math.inf
         self._seen: dict[int, tuple[FloatArray, FloatArray]] = {}  # a label's first, last place
         self._track: deque[tuple[float, float, float]] = deque()  # time, x, y
         self._doubted = math.inf  # since when another one is in the middle
+
+    def watching(self, now: Situation) -> bool:
+        """Whether the team is to stand."""
+        return now.time - self._began < _WATCH_S
 
     def find(self, now: Situation) -> int | None:
         """The row of the target among the teammates; None: not known, or not seen now."""
@@ -76,7 +82,7 @@ class Target:
             first, last = self._seen.get(label, (place, place))
             jumped = float(np.hypot(*(place - last))) > _JUMP_M
             self._seen[label] = (place if jumped else first, place)
-        if time - self._began < _WATCH_S:
+        if not _WATCH_S <= time - self._began < self._until_s:
             return None
         moved = [float(np.hypot(*(self._seen[k][1] - self._seen[k][0]))) for k in labels]
         most = int(np.argmax(moved))
@@ -92,16 +98,15 @@ class Target:
         return nearest if off[nearest] < _GATE_M + _GATE_MPS * (time - last) else None
 
     def _middle(self, now: Situation, row: int | None) -> int | None:
-        """Another one, where all others stand around that one at the radius for a while."""
-        if self._radius_m is None or len(now.teammates) < 4:
+        """Another one, where clearly more of the others stand around that one for a while."""
+        if self._radius_m is None or self.watching(now):
             return row
         mates = now.teammates
         apart = np.hypot(*(mates[:, None] - mates).transpose(2, 0, 1))
-        others = ~np.eye(len(mates), dtype=bool)
-        off = np.sqrt(np.mean((apart - self._radius_m) ** 2, axis=1, where=others))
-        best = int(np.argmin(off))
-        worse = math.inf if row is None else float(off[row])
-        if best == row or off[best] > _EVEN_M or worse < _CLEARLY * off[best]:
+        around = np.sum(np.abs(apart - self._radius_m) < _RING_M, axis=1)
+        best = int(np.argmax(around))
+        others = int(np.delete(around, best).max(initial=0)) if row is None else int(around[row])
+        if best == row or around[best] < _MANY or around[best] <= others:
             self._doubted = math.inf
             return row
         self._doubted = min(self._doubted, now.time)

@@ -25,7 +25,6 @@ ARENA_STEP_S = 0.02
 FORGET_STEPS = 512  # to be forgotten at once, since the rest is moved
 BODY_RADIUS_M = 0.143  # the circle around a Cherokey of 22.5 x 17.5 cm
 TURRET_RADIUS_M = 0.0325  # a post is as thick as a turret
-_AWAY_M = 1e3
 _START_CLEARANCE_M = 0.4  # from furniture; more than a pair's reach
 SENSOR_BEARINGS = np.radians([60.0, 20.0, -20.0, -60.0])  # the left two come first
 SENSOR_HALF_CONE = math.radians(20.0)
@@ -34,7 +33,6 @@ TURN_RATE_RADPS = 3.0
 TURN_SECONDS = (0.2, 0.8)
 ACCELERATION_MPS2 = 1.0
 TURN_ACCELERATION_RADPS2 = 20.0
-
 
 # How far a robot's wheels carried it up to a time (s), since it was last asked: m, rad.
 Wheelwork = Callable[[float], tuple[float, float]]
@@ -138,7 +136,7 @@ class Arena:
         """Carry a robot that was handed over far out of the room, where it stays."""
         del self._wheelworks[robot]
         self._velocity[robot] = self._turn_rate[robot] = 0.0
-        self._position[robot] = _AWAY_M
+        self._position[robot] = 1e3
 
     @property
     def now(self) -> float:
@@ -163,11 +161,8 @@ class Arena:
         last = self._steps - 1
         before = np.minimum(index.astype(np.intp), max(last - 1, 0) if self._wheelworks else last)
         after = np.minimum(before + 1, last)
-        begin = self._history.take(before - self._first, axis=0)
-        poses: FloatArray = self._history.take(after - self._first, axis=0)
-        poses -= begin
-        poses *= (index - before)[:, None, None]
-        poses += begin
+        begin, end = (self._history.take(rows - self._first, axis=0) for rows in (before, after))
+        poses: FloatArray = begin + (index - before)[:, None, None] * (end - begin)
         return poses
 
     def track(self, robot: int, first_step: int) -> FloatArray:
