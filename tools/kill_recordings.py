@@ -7,6 +7,7 @@ came, and is killed (SIGKILL) somewhere in its first half second. What is read i
 the recorder had been given; the most that was lost is printed. A file that reads badly is an error.
 """
 
+import fcntl
 import mmap
 import os
 import random
@@ -41,7 +42,7 @@ def main() -> None:
                 killed(Path(folder) / f"{seed}{beside}.mcap", header, messages, seed, beside)
                 for seed in range(count)
             ]
-            how = "in a thread beside the run" if beside else "by the one who writes"
+            how = "by a process beside the run" if beside else "by the one who records"
             print(
                 f"{how}: killed {count} times, lost at most {max(lost)} messages, "
                 f"{sum(lost) / count:.2f} in the mean"
@@ -66,8 +67,8 @@ def killed(
 ) -> int:
     """How many of the messages that a recorder was given are lost when it is killed.
 
-    beside: it writes in a thread of its own, as in a run, which may lag behind. Raises ValueError
-    where what is read is not what was written, in order, from the first on.
+    beside: another process writes, as in a run; it is not killed. Raises ValueError where what is
+    read is not what was written, in order, from the first on.
     """
     given = mmap.mmap(-1, 8)
     child = os.fork()
@@ -80,6 +81,8 @@ def killed(
     if not count:
         return 0
     try:
+        with path.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # until who writes is done
         found = list(Recording(path).messages())
     except UserError as error:
         raise ValueError(f"seed {seed}: {error}") from error
@@ -99,9 +102,7 @@ def _write(
     given: mmap.mmap,
     beside: bool,
 ) -> None:
-    recorder: Recorder | BackgroundRecorder = Recorder(path, header)
-    if isinstance(recorder, Recorder) and beside:
-        recorder = BackgroundRecorder(recorder)
+    recorder = BackgroundRecorder(path, header) if beside else Recorder(path, header)
     begin = time.monotonic()
     for number, message in enumerate(messages, 1):
         time.sleep(max(0.0, begin + message.time / SPEED - time.monotonic()))

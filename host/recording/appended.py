@@ -1,9 +1,9 @@
 """An MCAP file that grows message by message, and is whole up to the last one at any time."""
 
 import os
-import threading
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as McapMessage
@@ -14,8 +14,6 @@ from host.recording.records import Others
 from host.recording.ros.definitions import schema
 
 PROFILE = "ros2"
-SYNC_S = 1.0
-_JOIN_S = 1.0  # for a disk that takes longer nobody waits
 # rosbag2's words for a topic whose last message a late reader gets, too.
 _LATCHED = {
     "offered_qos_profiles": "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
@@ -25,16 +23,36 @@ _LATCHED = {
 }
 
 
-class AppendedMcap:
-    """Writes without chunks, and syncs the file to the disk once a second from a thread of its own.
+class AppendedFile(Protocol):
+    """What the MCAP writer writes to. After a failure it writes nothing more.
 
-    Raises UserError where the file exists
-    already or cannot be written; what was written before is then cut to whole records.
+    failed: a failure was raised. Every method may raise UserError; what was written is then cut to
+    whole records.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stream = _Stream(path)
+    failed: bool
+
+    def write(self, data: bytes) -> int:
+        """Append bytes; return how many."""
+
+    def tell(self) -> int:
+        """How many bytes were written."""
+
+    def flush(self) -> None:
+        """For the MCAP writer."""
+
+    def whole(self) -> None:
+        """Up to here all records are whole."""
+
+    def close(self) -> None:
+        """Write no more; a second call does nothing."""
+
+
+class AppendedMcap:
+    """Writes without chunks. Raises UserError where nothing can be written any more."""
+
+    def __init__(self, stream: AppendedFile) -> None:
+        self._stream = stream
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]
             compression=CompressionType.NONE,
@@ -110,32 +128,18 @@ class AppendedMcap:
         self._stream.close()
 
 
-class _Stream:
-    """What the MCAP writer writes to: unbuffered; after a failure it writes nothing more."""
+class DirectFile:
+    """Writes at once, however long that takes."""
 
     def __init__(self, path: Path) -> None:
+        """Raises UserError where the file exists already or cannot be made."""
         self._path = path
         self._size = self._whole = 0
-        self.failed = False  # a failure was raised
-        self._failure: UserError | None = None
-        try:
-            self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        except FileExistsError as error:
-            raise UserError(
-                f"the recording {path} exists already",
-                "recordings are never overwritten",
-                "choose another name, or remove the file first",
-            ) from error
-        except OSError as error:
-            raise self._unwritable(error) from error
-        self._closed = threading.Event()
-        self._syncing = threading.Thread(target=self._sync, name="recording sync", daemon=True)
-        self._syncing.start()
+        self._closed = False
+        self.failed = False
+        self._handle = created(path)
 
     def write(self, data: bytes) -> int:
-        if self._failure is not None:
-            self.failed = True
-            raise self._failure
         left = memoryview(data)
         try:
             while left:
@@ -143,9 +147,9 @@ class _Stream:
                 self._size += written
                 left = left[written:]
         except OSError as error:
-            self._failure, self.failed = self._unwritable(error), True
+            self.failed = True
             os.ftruncate(self._handle, self._whole)
-            raise self._failure from error
+            raise unwritable(self._path, error.strerror or str(error)) from error
         return len(data)
 
     def tell(self) -> int:
@@ -155,32 +159,32 @@ class _Stream:
         """Nothing is held back."""
 
     def whole(self) -> None:
-        """Up to here all records are whole."""
         self._whole = self._size
 
     def close(self) -> None:
-        if self._closed.is_set():
-            return
-        self._closed.set()
-        self._syncing.join(_JOIN_S)
-        # A disk that hangs in a sync keeps its handle: closing it would wait as well.
-        if not self._syncing.is_alive():
+        if not self._closed:
+            self._closed = True
             os.close(self._handle)
 
-    def _sync(self) -> None:
-        """Whatever is older than SYNC_S survives a power cut."""
-        last = False
-        while not last:
-            last = self._closed.wait(SYNC_S)
-            try:
-                os.fsync(self._handle)
-            except OSError as error:  # the next message finds it, in the thread that can report it
-                self._failure = self._failure or self._unwritable(error)
-                return
 
-    def _unwritable(self, error: OSError) -> UserError:
-        return UserError(
-            f"cannot write the recording {self._path}",
-            error.strerror or str(error),
-            "check the folder and the free space on its disk",
-        )
+def created(path: Path) -> int:
+    """A new file's descriptor. Raises UserError where it exists already or cannot be made."""
+    try:
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    except FileExistsError as error:
+        raise UserError(
+            f"the recording {path} exists already",
+            "recordings are never overwritten",
+            "choose another name, or remove the file first",
+        ) from error
+    except OSError as error:
+        raise unwritable(path, error.strerror or str(error)) from error
+
+
+def unwritable(path: Path, reason: str) -> UserError:
+    """What a user reads of a file that cannot be written."""
+    return UserError(
+        f"cannot write the recording {path}",
+        reason,
+        "check the folder and the free space on its disk",
+    )

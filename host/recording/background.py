@@ -1,84 +1,71 @@
-"""Recording beside a run that must not wait for a disk."""
+"""Recording beside a run that must not wait for a disk, and that may be killed.
 
+What is recorded is handed to a pipe in the thread that made it; from then on it is the kernel's. A
+process of its own (`disk_process`) carries it to the disk.
+"""
+
+import array
+import fcntl
+import os
+import select
+import subprocess
+import sys
+import termios
 import threading
-from collections import deque
+import time
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from host.errors import UserError
 from host.messages import Bearings, Message, Picture
-from host.recording.log import Recorder
+from host.recording import disk_process
+from host.recording.appended import created, unwritable
+from host.recording.log import Recorder, RecordingHeader
 
-CAPACITY = 3000  # messages: more than 10 s of them
-_PICTURES = 60  # a second of them; more would take the memory of a small computer
+PIPE_BYTES = 1 << 20  # some 25 s of a recording: a disk may take so long
+_LEFT_BYTES = 1 << 20  # that the pipe had no room for; more, and the disk is too slow
+_PICTURES_BYTES = 1 << 18  # waiting in the pipe: no pictures behind them
 _CLOSE_S = 1.5  # to write what is left
+_WORDS = 1000  # at most, of a failure
 
 
 class BackgroundRecorder:
-    """Writes with `recorder` in a thread of its own. A failure is raised by the next `write`.
+    """Records from any thread, and waits for no disk. A failure ends the recording.
 
-    A recording that was given up has no end, so that its readers say so.
+    A recording that was given up has no end, so that its readers say so. pid: of the process that
+    writes. Raises UserError where the file exists already or cannot be made.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-        self._messages: deque[Message] = deque()
-        self._news = threading.Condition()
-        self._closed = False
+    def __init__(self, path: Path, header: RecordingHeader) -> None:
+        self._file = BackgroundFile(path)
+        self.pid = self._file.pid
+        self._recorder = Recorder(path, header, self._file)
+        self._lock = threading.Lock()
         self._failure: Exception | None = None
-        self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
-        self._thread.start()
 
     def write(self, message: Message) -> None:
-        """Have a message written; never waits. Raises UserError where the recording has ended."""
-        with self._news:
+        """Record a message. Raises UserError where the recording has ended."""
+        with self._lock:
             if self._failure is not None:
                 raise self._failure
-            waiting = len(self._messages)
-            self._messages.append(message)
-            if waiting >= CAPACITY:
-                self._failure = _too_slow(waiting)
-                self._messages.clear()
-                raise self._failure
-            self._news.notify()
+            try:
+                self._recorder.write(message)
+            except Exception as failure:
+                self._failure = failure
+                self._recorder.abandon()
+                raise
 
     def picture(self, jpeg: bytes, found: Bearings) -> None:
-        """Have the picture written in which bearings were found; left out where the disk lags."""
-        with self._news:
-            if self._failure is None and len(self._messages) < _PICTURES:
-                self._messages.append(Picture(found.time, found.camera, jpeg))
-                self._news.notify()
-
-    def _write_all(self) -> None:
-        try:
-            while (message := self._next()) is not None:
-                self._recorder.write(message)
-            if self._failure is None:
-                self._recorder.close()
-        except Exception as error:
-            # Raised again by the next `write`, in a thread that can report it.
-            self._failure = error
-        finally:
-            self._recorder.abandon()
-
-    def _next(self) -> Message | None:
-        """The next message, waited for; None after the last, or where it was given up."""
-        with self._news:
-            while not self._messages and not self._closed and self._failure is None:
-                self._news.wait()
-            return self._messages.popleft() if self._messages else None
+        """Record the picture in which bearings were found; left out where the disk lags."""
+        if self._failure is None and self._file.waiting < _PICTURES_BYTES:
+            self.write(Picture(found.time, found.camera, jpeg))
 
     def close(self) -> None:
-        """Write what is left and end the recording. Raises UserError where that fails."""
-        with self._news:
-            self._closed = True
-            known = self._failure
-            self._news.notify()
-        self._thread.join(_CLOSE_S)
-        if self._thread.is_alive():
-            self._failure = self._failure or _too_slow(len(self._messages))
-        if self._failure is not None and known is None:
-            raise self._failure
+        """End the recording. Raises UserError where that fails."""
+        with self._lock:
+            if self._failure is None:
+                self._recorder.close()
 
     def __enter__(self) -> Self:
         return self
@@ -92,9 +79,116 @@ class BackgroundRecorder:
         self.close()
 
 
+class BackgroundFile:
+    """A file that another process writes. What lies between two calls of `whole` is written whole.
+
+    pid: of that process, which holds the file's lock (flock) as long as it writes. Raises UserError
+    where the file exists already or cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._size = 0
+        self._record = bytearray()  # not yet whole
+        self._left = bytearray()  # of frames, for which the pipe had no room
+        self._closed = False
+        self.failed = False
+        file = created(path)
+        fcntl.flock(file, fcntl.LOCK_EX)
+        read, self._pipe = os.pipe()
+        self._failures, failures = os.pipe()
+        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.set_blocking(self._pipe, False)
+        theirs = (read, file, failures)
+        # In a session of its own, Ctrl-C does not reach it.
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", disk_process.__file__, *map(str, theirs)],
+            pass_fds=theirs,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        self.pid = self._process.pid
+        for descriptor in theirs:
+            os.close(descriptor)
+        os.read(self._failures, 1)  # it is ready
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes the disk is behind."""
+        in_pipe = array.array("i", [0])
+        if not self._closed:
+            fcntl.ioctl(self._pipe, termios.FIONREAD, in_pipe)
+        return in_pipe[0] + len(self._left)
+
+    def write(self, data: bytes) -> int:
+        """Add to the record that is being made."""
+        self._record += data
+        self._size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """How many bytes were written."""
+        return self._size
+
+    def flush(self) -> None:
+        """Records go as soon as they are whole."""
+
+    def whole(self) -> None:
+        """Hand the record on. Raises UserError where the disk has failed, or is too slow."""
+        self._left += disk_process.FRAME.pack(len(self._record)) + self._record
+        self._record.clear()
+        self._push()
+        if len(self._left) > _LEFT_BYTES:
+            waiting, self.failed = self.waiting, True
+            self._left.clear()
+            raise _too_slow(waiting)
+
+    def _push(self) -> None:
+        """Give the pipe what it has room for."""
+        try:
+            while self._left:
+                del self._left[: os.write(self._pipe, self._left)]
+        except BlockingIOError:
+            return
+        except BrokenPipeError as error:
+            self.failed = True
+            self._left.clear()
+            raise self._failure() from error
+
+    def _failure(self) -> UserError:
+        return unwritable(
+            self._path,
+            os.read(self._failures, _WORDS).decode() or "the process that writes it was killed",
+        )
+
+    def close(self) -> None:
+        """Let the other process write what is left. Raises UserError where it cannot, in time."""
+        if self._closed:
+            return
+        self._closed = True
+        end = time.monotonic() + (0.0 if self.failed else _CLOSE_S)
+        while self._left and select.select([], [self._pipe], [], _until(end))[1]:
+            self._push()
+        os.close(self._pipe)
+        known, self.failed = self.failed, True
+        try:
+            self._process.wait(_until(end))
+        except subprocess.TimeoutExpired:  # it goes on for as long as the disk takes
+            threading.Thread(target=self._process.wait, name="recording", daemon=True).start()
+            if not known:
+                raise _too_slow(len(self._left)) from None
+        else:
+            if not known and (words := os.read(self._failures, _WORDS)):
+                raise unwritable(self._path, words.decode())
+
+
+def _until(end: float) -> float:
+    return max(0.0, end - time.monotonic())
+
+
 def _too_slow(waiting: int) -> UserError:
     return UserError(
         "the recording was ended: its disk is too slow",
-        f"{waiting} messages waited to be written",
+        f"{waiting} bytes waited to be written",
         "record to another disk; what was written before can be replayed",
     )

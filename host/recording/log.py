@@ -29,7 +29,7 @@ from host.messages import (
     Scan,
 )
 from host.recording import content, json_lines
-from host.recording.appended import AppendedMcap
+from host.recording.appended import AppendedFile, AppendedMcap, DirectFile
 from host.recording.checked import CheckedMcap, is_mcap
 from host.recording.records import TOPIC, TYPE, Packer
 from host.recording.ros.cdr import nanoseconds
@@ -60,11 +60,14 @@ class RecordingHeader:
 class Recorder:
     """Writes a recording, each message at once; a device's bytes with the message made of them.
 
-    Raises UserError where the file exists already or cannot be written.
+    file: what it is written to, else a new one at `path`. Raises UserError where that exists
+    already or cannot be written.
     """
 
-    def __init__(self, path: str | Path, header: RecordingHeader) -> None:
-        self._file = AppendedMcap(Path(path))
+    def __init__(
+        self, path: str | Path, header: RecordingHeader, file: AppendedFile | None = None
+    ) -> None:
+        self._file = AppendedMcap(file or DirectFile(Path(path)))
         self._packer = Packer()
         self._topics = Topics(header.config, header.unix_s)
         self._unix_s = header.unix_s

@@ -18,7 +18,7 @@ from host.localizer import Localizer
 from host.messages import Bearings, Measurement, Message, Positions
 from host.pipeline import Driver, Now, Pipeline, Sink
 from host.recording.background import BackgroundRecorder
-from host.recording.log import Recorder, RecordingHeader
+from host.recording.log import RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
 
@@ -93,7 +93,7 @@ def run_devices(
         if record is not None:
             unix_s = time.time() - time.monotonic()
             header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
-            recorder = stack.enter_context(BackgroundRecorder(Recorder(record, header)))
+            recorder = stack.enter_context(BackgroundRecorder(record, header))
             all_sinks["recording"] = recorder.write
             if rig.record_pictures:
                 _record_pictures(rig, recorder)

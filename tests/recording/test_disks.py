@@ -1,20 +1,22 @@
 """Disks that are full, read-only or slow: the recording ends, in words, and nobody waits for it."""
 
+import fcntl
 import os
+import signal
 import struct
 import subprocess
-import threading
+import sys
 import time
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.messages import Estimate, Health, Message, Scan
+from host.messages import Bearings, Estimate, Health, Message, Scan
 from host.pipeline import Pipeline
-from host.recording import appended
-from host.recording.background import CAPACITY, BackgroundRecorder
+from host.recording.background import BackgroundRecorder
 from host.recording.log import Recorder, Recording, RecordingHeader
 
 HEADER = RecordingHeader(RobotConfig(), "lidar")
@@ -40,7 +42,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(small_disk):
     path = small_disk / "a.mcap"
-    with BackgroundRecorder(Recorder(path, HEADER)) as recorder:
+    with BackgroundRecorder(path, HEADER) as recorder:
         with pytest.raises(UserError, match="No space left on device"):
             write_scans(recorder)
         with pytest.raises(UserError, match="check the folder and the free space"):
@@ -60,39 +62,79 @@ def write_scans(recorder):
         time.sleep(0.002)
 
 
+def wait_until_written(path):
+    with path.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
 def test_a_disk_that_is_read_only_is_said_before_the_run(small_disk):
     subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
     with pytest.raises(UserError, match="Read-only file system"):
         Recorder(small_disk / "a.mcap", HEADER)
 
 
-def test_a_disk_that_hangs_delays_nobody(tmp_path, monkeypatch):
-    recorder = BackgroundRecorder(Recorder(tmp_path / "a.mcap", HEADER))
-    hanging = threading.Event()
-    write = os.write
-
-    def hang(handle, data):
-        hanging.wait()
-        return write(handle, data)
-
-    monkeypatch.setattr(appended.os, "write", hang)
-    for k in range(CAPACITY):
-        recorder.write(Health(0.01 * k, "lidar", True, "", {}))  # would hang here if it waited
-    with pytest.raises(UserError, match="its disk is too slow"):
+def test_a_disk_that_hangs_delays_nobody(tmp_path):
+    recorder = BackgroundRecorder(tmp_path / "a.mcap", HEADER)
+    os.kill(recorder.pid, signal.SIGSTOP)
+    with pytest.raises(UserError, match="its disk is too slow"):  # would hang here if it waited
         write_scans(recorder)
+    recorder.picture(bytes(1000), Bearings(0.0, np.zeros(0), np.zeros(0)))  # not any more
     recorder.close()  # known already, so it is not raised again
-    hanging.set()
+    os.kill(recorder.pid, signal.SIGCONT)
+    wait_until_written(tmp_path / "a.mcap")
+    assert len(list(Recording(tmp_path / "a.mcap").messages())) > 40
+
+
+def test_pictures_are_left_out_where_the_disk_lags(tmp_path):
+    with BackgroundRecorder(tmp_path / "a.mcap", HEADER) as recorder:
+        os.kill(recorder.pid, signal.SIGSTOP)
+        for k in range(40):
+            recorder.picture(
+                bytes(100_000), Bearings(0.1 * k, np.zeros(0), np.zeros(0), camera="front")
+            )
+        recorder.write(a_scan(0))
+        os.kill(recorder.pid, signal.SIGCONT)
+    recording = Recording(tmp_path / "a.mcap")
+    assert len(list(recording.messages())) == 1
+    assert not recording.remarks
+    with (tmp_path / "a.mcap").open("rb") as file:
+        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
+    assert 2 <= topics.count("/camera/front/image/compressed") <= 5
 
 
 def test_what_cannot_be_written_is_said_and_leaves_no_end(tmp_path):
-    recorder = BackgroundRecorder(Recorder(tmp_path / "a.mcap", HEADER))
+    recorder = BackgroundRecorder(tmp_path / "a.mcap", HEADER)
     recorder.write(Health(0.0, "lidar", True, "", {"points": 1}))
-    recorder.write(Health(1.0, "lidar", True, "", {"points": 1 << 70}))
-    with pytest.raises(struct.error):
-        write_scans(recorder)
+    for _ in range(2):
+        with pytest.raises(struct.error):
+            recorder.write(Health(1.0, "lidar", True, "", {"points": 1 << 70}))
     recorder.close()
     recording = Recording(tmp_path / "a.mcap")
     assert [message.time for message in recording.messages()] == [0.0]
+    assert "unfinished" in recording.remarks[0]
+
+
+RUN_AND_BE_KILLED = """
+import os, pathlib, signal, sys
+from host.config import RobotConfig
+from host.messages import Health
+from host.recording.background import BackgroundRecorder
+from host.recording.log import RecordingHeader
+recorder = BackgroundRecorder(pathlib.Path(sys.argv[1]), RecordingHeader(RobotConfig(), "lidar"))
+os.kill(recorder.pid, signal.SIGTERM)  # as systemd does with all processes of a service
+for k in range(200):
+    recorder.write(Health(float(k), "lidar", True, "", {}))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_run_that_is_killed_loses_nothing_of_what_it_recorded(tmp_path):
+    path = tmp_path / "a.mcap"
+    killed = subprocess.run([sys.executable, "-c", RUN_AND_BE_KILLED, str(path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    wait_until_written(path)
+    recording = Recording(path)
+    assert len(list(recording.messages())) == 200
     assert "unfinished" in recording.remarks[0]
 
 
@@ -126,7 +168,7 @@ def test_a_full_disk_does_not_end_the_run(small_disk):
 
     config = RobotConfig()
     taken: list[Message] = []
-    recorder = BackgroundRecorder(Recorder(small_disk / "a.mcap", HEADER))
+    recorder = BackgroundRecorder(small_disk / "a.mcap", HEADER)
     localizer = Localizer(config, profiles.make("perera2021", config))
     sinks = {"recording": recorder.write, "list": taken.append}
     with recorder, Pipeline(localizer, {"lidar": Scans()}, sinks) as pipeline:
