@@ -68,6 +68,7 @@ class Localizer:
         self.learnt = estimator.learnt if isinstance(estimator, Learning) else None
         self._config = config
         self._filter = estimator
+        self._unjudged: list[Scan] = []  # which the odometry is still to be compared with
         self._recent: deque[Estimate] = deque(maxlen=8)  # of the time that pictures are late by
         self._used = used
         self._path = Path()
@@ -88,6 +89,7 @@ class Localizer:
         if wrong is not None:
             self._drop(wrong)
             return []
+        self._judge_odometry()
         self._first = min(self._first, message.time)
         self._newest = max(self._newest, message.time)
         if isinstance(message, Displacement):
@@ -169,7 +171,7 @@ class Localizer:
         self.measured = max(self.measured, measurement.time)
         readings = measurement
         if isinstance(readings, Scan):
-            self.odometry.take(readings, self._path)
+            self._unjudged.append(readings)
             readings = turrets.find(readings, self._config.lidar, self._path)
         present = self._to_present(readings)
         try:
@@ -185,6 +187,12 @@ class Localizer:
         self._recent.append(estimate)
         self._used(measurement, readings)
         return [estimate]
+
+    def _judge_odometry(self) -> None:
+        """Compare it with the last scans: the next motion needs that, no estimate waits for it."""
+        for scan in self._unjudged:
+            self.odometry.take(scan, self._path)
+        self._unjudged.clear()
 
     def _compare(self, readings: Positions | Bearings) -> None:
         """Note how well the readings fit what was known before them."""

@@ -196,17 +196,18 @@ class Pipeline:
     def _handle(self, message: Message) -> None:
         self._counts["messages"] += not isinstance(message, DeviceBytes)
         # What is malformed the localizer counts; it is neither recorded nor compared.
-        if fault(message) is None:
+        sound = fault(message) is None
+        if sound:
             self._deliver(message)
-            health = self._checks.take(message) if self._checks is not None else None
-            if health is not None:
-                self._deliver(health)
-        if not isinstance(message, Scan | Positions | Bearings | Displacement):
-            return
-        start = time.perf_counter()
-        estimates = self._localizer.handle(message)
-        self._busy_s += time.perf_counter() - start
-        self._publish(estimates)
+        if isinstance(message, Scan | Positions | Bearings | Displacement):
+            start = time.perf_counter()
+            estimates = self._localizer.handle(message)
+            self._busy_s += time.perf_counter() - start
+            self._publish(estimates)
+        # The comparison takes milliseconds now and then, for which no estimate waits.
+        health = self._checks.take(message) if sound and self._checks is not None else None
+        if health is not None:
+            self._deliver(health)
 
     def _publish(self, estimates: Sequence[Estimate]) -> None:
         self._counts["estimates"] += len(estimates)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_FLOATS, _INTS, _SHORT_INTS, _MULTIPLES, _STEADY, _NANOSECONDS, _SHORT_FLOATS = range(7)  # forms
+# The forms; _SHORT_FLOATS is only read any more.
+_FLOATS, _INTS, _SHORT_INTS, _MULTIPLES, _STEADY, _NANOSECONDS, _SHORT_FLOATS, _PLANES = range(8)
 # A lidar counts its ranges, and angles are rounded, in these steps: 16 bits instead of 64.
 STEPS = {"ranges": 0.00025, "angles": math.tau / 65536}
 
@@ -34,7 +35,7 @@ def _ints(array: NDArray[Any]) -> tuple[int, bytes]:
 def _floats(array: NDArray[Any], step: float | None) -> tuple[int, bytes]:
     """The form of an array of floats and its bytes; the first that gives back every bit."""
     if array.dtype == np.float32:
-        return _SHORT_FLOATS, array.astype("<f4").tobytes()
+        return _PLANES, _planes(array)
     wide = np.ascontiguousarray(array, dtype="<f8")
     forms = ((_MULTIPLES, _multiples), (_STEADY, _steady), (_NANOSECONDS, _nanoseconds))
     for form, pack in forms:
@@ -42,6 +43,25 @@ def _floats(array: NDArray[Any], step: float | None) -> tuple[int, bytes]:
         if data is not None and _FORMS[form](data, wide.size).tobytes() == wide.tobytes():
             return form, data
     return _FLOATS, wide.tobytes()
+
+
+def rounded(array: NDArray[np.float64], bits: int) -> NDArray[np.float32]:
+    """The nearest float32 with `bits` significant bits (at most 24); all others of it are 0."""
+    with np.errstate(over="ignore"):
+        short = np.ascontiguousarray(array, dtype=np.float32)
+    unit = 1 << (24 - bits)
+    places = short.view("<u4")
+    near = (places + np.uint32(unit // 2)) & np.uint32(2**32 - unit)
+    return np.where(np.isfinite(short), near.view("<f4"), short)
+
+
+def _planes(array: NDArray[Any]) -> bytes:
+    """All first bytes of float32, then all second ones, ...: what is alike stands together."""
+    return array.astype(">f4").reshape(-1, 1).view("u1").T.tobytes()
+
+
+def _of_planes(data: bytes, size: int) -> NDArray[Any]:
+    return np.ascontiguousarray(np.frombuffer(data, "u1").reshape(4, size).T).view(">f4").ravel()
 
 
 def _multiples(array: NDArray[np.float64], step: float | None) -> bytes | None:
@@ -109,6 +129,7 @@ _FORMS: dict[int, Callable[[bytes, int], NDArray[Any]]] = {
     _STEADY: _of_steady,
     _NANOSECONDS: _of_nanoseconds,
     _SHORT_FLOATS: lambda data, size: np.frombuffer(data, "<f4", size),
+    _PLANES: _of_planes,
 }
 
 
@@ -119,4 +140,5 @@ def packed_length(form: int, size: int) -> int:
     return {
         **{_FLOATS: 8 * size, _INTS: 8 * size, _SHORT_INTS: size, _MULTIPLES: 9 + 2 * size},
         **{_STEADY: 14 + size, _NANOSECONDS: 4 + 4 * size, _SHORT_FLOATS: 4 * size},
+        _PLANES: 4 * size,
     }[form]

@@ -3,7 +3,7 @@
 A message is the number of its kind and its fields in order, each a tag and a value. Which kinds and
 fields there are stands in the recording's header (`LAYOUT`), so that fields may be added later.
 Arrays are kept in the smallest form that gives back every bit, and as they are where none does.
-Estimates, which a replay makes again, are rounded to float32 and carry a digest of every bit. What
+Estimates, which a replay makes again, are rounded and carry a digest of every bit. What
 a device sent is joined.
 """
 
@@ -31,12 +31,12 @@ from host.messages import (
     Scan,
     Truth,
 )
-from host.recording.arrays import STEPS, pack, packed_length, unpack
+from host.recording.arrays import STEPS, pack, packed_length, rounded, unpack
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedEstimate(Estimate):
-    """An estimate whose arrays are rounded to float32. digest: of what they were."""
+    """An estimate whose arrays are rounded. digest: of what they were."""
 
     digest: bytes = b""
 
@@ -69,6 +69,7 @@ LAYOUT = {
 }
 _NUMBERS = {name: number for number, name in enumerate(LAYOUT)}
 Layout = Mapping[str, Sequence[str]]
+_PLACE_BITS, _OTHER_BITS = 16, 12  # significant ones of an estimate's floats
 
 _NONE, _FALSE, _TRUE, _FLOAT, _INT, _TEXT, _BYTES, _TUPLE, _DICT, _ARRAY = range(10)
 
@@ -76,8 +77,8 @@ _NONE, _FALSE, _TRUE, _FLOAT, _INT, _TEXT, _BYTES, _TUPLE, _DICT, _ARRAY = range
 def encode(message: Message) -> bytes:
     """The bytes of a message. Raises struct.error where a number has no place in 64 bits."""
     if isinstance(message, Estimate):
-        rounded = {field.name: _rounded(getattr(message, field.name)) for field in fields(Estimate)}
-        message = RecordedEstimate(**rounded, digest=digest(message))
+        values = {field.name: _rounded(field.name, message) for field in fields(Estimate)}
+        message = RecordedEstimate(**values, digest=digest(message))
         name = "estimate"
     else:
         name = type(message).__name__.lower()
@@ -87,12 +88,12 @@ def encode(message: Message) -> bytes:
     return bytes(content)
 
 
-def _rounded(value: Any) -> Any:
-    """An array of floats as float32."""
+def _rounded(name: str, estimate: Estimate) -> Any:
+    """A field of an estimate; places to some 0.1 mm, what else is a float to 0.02 %."""
+    value = getattr(estimate, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
         return value
-    with np.errstate(over="ignore"):
-        return value.astype(np.float32)
+    return rounded(value, _PLACE_BITS if name in ("positions", "obstacles") else _OTHER_BITS)
 
 
 def encode_sent(parts: Sequence[DeviceBytes]) -> bytes:
