@@ -8,7 +8,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import (
     AfterValidator,
@@ -43,6 +43,7 @@ __all__ = [
     "Wheels",
     "load_config",
     "parse_config",
+    "recorded_config",
 ]
 
 
@@ -181,7 +182,7 @@ class Lidar(Section):
 
 
 class PmbSettings(Section):
-    """What `pmb` takes teammates and the things around them for (docs/filters.md)."""
+    """What `pmb` and `phd` take teammates and the things around them for (docs/filters.md)."""
 
     speed_mps: float = Field(0.2, gt=0.0, le=5.0)  # of teammates that move, std per axis
     appear_per_m2_s: float = Field(0.01, gt=0.0, lt=100.0)  # things that appear
@@ -189,32 +190,29 @@ class PmbSettings(Section):
     report_error_m: float = Field(0.5, gt=0.0, lt=100.0)  # an error as bad as no report
 
 
+# Settings of `phd` before it had a velocity; recordings of that time hold them.
+_ONCE_OF_FILTERS = (
+    "motion_noise_m",
+    "motion_growth_per_s",
+    "obstacle_share",
+    "birth_per_m2",
+    "report_weight",
+    "report_sigma_m",
+    "prune_weight",
+    "merge_distance",
+    "capacity",
+)
+
+
 class FilterSettings(Section):
     """Which filter runs, and its settings (chosen in docs/filters.md)."""
 
     profile: Annotated[str, AfterValidator(_registered(FILTERS))] = "pmb"
-    motion_noise_m: float = Field(0.09, gt=0.0, lt=5.0)  # std per axis after 1 s
-    motion_growth_per_s: float = Field(4.0, ge=0.0, lt=100.0)  # growth of its square while unseen
-    obstacle_share: float = Field(0.4, ge=0.0, lt=1.0)  # share of the things that appear
-    birth_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # things that appear per update
     survival_range_m: float = Field(2.5, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
-    report_weight: float = Field(0.6, gt=0.0, lt=1.0)  # from this weight a teammate is reported
-    forget_weight: float = Field(0.04, gt=0.0, lt=1.0)  # until it falls below this
-    report_sigma_m: float = Field(0.22, gt=0.0, lt=10.0)  # reported only if known this well
-    prune_weight: float = Field(2e-4, gt=0.0, lt=0.1)
-    merge_distance: float = Field(9.0, gt=0.0, le=100.0)  # squared, in units of the mean variance
+    forget_weight: float = Field(0.15, gt=0.0, lt=1.0)  # of `phd`: kept in the report until then
     gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis
-    capacity: int = Field(3000, ge=10, le=100_000)  # components
     pmb: PmbSettings = PmbSettings()
-
-    @model_validator(mode="after")
-    def _forget_below_report(self) -> Self:
-        if self.forget_weight > self.report_weight:
-            raise ValueError(f"forget_weight must be at most report_weight ({self.report_weight})")
-        if self.prune_weight > self.forget_weight:
-            raise ValueError(f"prune_weight must be at most forget_weight ({self.forget_weight})")
-        return self
 
 
 class RobotConfig(Section):
@@ -228,6 +226,18 @@ class RobotConfig(Section):
     camera: Cameras = Cameras()
     filter: FilterSettings = FilterSettings()
     mocap: Mocap = Mocap()
+
+
+def recorded_config(content: dict[str, Any]) -> RobotConfig:
+    """The configuration of a recording, without settings that filters had once.
+
+    Raises pydantic's ValidationError for anything else that it cannot be.
+    """
+    settings = content.get("filter")
+    if isinstance(settings, dict):
+        kept = {key: value for key, value in settings.items() if key not in _ONCE_OF_FILTERS}
+        content = {**content, "filter": kept}
+    return RobotConfig.model_validate(content)
 
 
 def load_config(path: str | Path) -> RobotConfig:

@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from host.config import BlindSector, RobotConfig, Section, load_config, parse_config
+from host.config import (
+    BlindSector,
+    RobotConfig,
+    Section,
+    load_config,
+    parse_config,
+    recorded_config,
+)
 from host.errors import UserError
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "robots" / "cherokey.toml"
@@ -181,9 +188,15 @@ def test_any_text_is_a_configuration_or_a_told_mistake(text: str) -> None:
     assert all(1 <= int(line) <= last for line in re.findall(r"^line (\d+):", told, re.MULTILINE))
 
 
-def test_a_filter_cannot_forget_before_it_reports():
-    with pytest.raises(UserError, match=r"line 3: filter: forget_weight must be at most"):
-        parse_config("[filter]\nreport_weight = 0.3\nforget_weight = 0.4\n")
+def test_a_recording_may_hold_what_filters_had_once_and_nothing_else() -> None:
+    old = RobotConfig(name="old").model_dump(mode="json")
+    old["filter"] |= {"report_weight": 0.6, "capacity": 3000}
+    assert recorded_config(old) == RobotConfig(name="old")
+    assert "line 2: filter.report_weight: no such setting" in complaint(
+        "[filter]\nreport_weight = 0.6\n"
+    )
+    with pytest.raises(ValidationError, match="wings"):
+        recorded_config({"filter": {"wings": 2}})
 
 
 def test_a_strip_has_the_size_of_its_pattern_unless_it_is_given() -> None:
@@ -247,7 +260,6 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
             "[camera.strip]\npattern = 'two_colours'\nheight_m = 0.02\n",
             "line 3: camera.strip: height",
         ),
-        ("[filter]\nprune_weight = 0.05\n", "line 2: filter: prune_weight must be at most"),
         ("[mocap.natnet]\ndata_port = 1510\n", "line 2: mocap.natnet: data_port must differ"),
         ("[mocap.natnet]\nmulticast_group = '10.0.0.1'\n", "must be an address of multicast"),
         ("[mocap.ceiling]\ntag_height_m = 2.6\n", "line 2: mocap.ceiling: tag_height_m (2.6) must"),

@@ -56,7 +56,7 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
 Examples:
   swarmloc sweep arena4:seconds=60 --seeds 21-30 --output sweep.jsonl
   swarmloc sweep arena4 swarm20 --seeds 21-30 --filters phd,clairvoyant \\
-      --set filter.motion_noise_m=0.06,0.09 --set filter.report_weight=0.5,0.6
+      --set filter.forget_weight=0.1,0.2 --set filter.pmb.speed_mps=0.15,0.2
   swarmloc sweep arena4 --seeds 1-100 --scheduler tcp://192.168.0.7:8786""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")

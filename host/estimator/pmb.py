@@ -57,7 +57,7 @@ _NARROWEST_RAD = 1e-3  # half width of a view that shows nothing
 _SCANS_S, _PICTURES_S = 0.3, 0.3
 _LIDAR_FLOOR = 0.001**2 * np.eye(2)  # m²: what differs in how a turret looks from place to place
 _LEARN_S = 0.4  # after so long the static world is brought up to date
-_LONGEST_S = 1.0  # things that appeared longer ago were seen before or have gone
+LONGEST_S = 1.0  # things that appeared longer ago were seen before or have gone
 
 
 class PmbFilter:
@@ -113,7 +113,7 @@ class PmbFilter:
         settings, things = self._settings, self._things
         whole, motions = things.whole, by_motion(things.weights)
         n, m = len(things), len(measured.positions)
-        elapsed = min(measured.time - self._scanned, _LONGEST_S)
+        elapsed = min(measured.time - self._scanned, LONGEST_S)
         self._scanned = measured.time
         noise = measured.covariances + _LIDAR_FLOOR
         detected = self._lidar_detection(measured.clearance)
@@ -122,12 +122,12 @@ class PmbFilter:
         likelihood = pairs.likelihood * detected.take(i, axis=1)
         mass = (likelihood * motions.take(i, axis=1)).sum(axis=0)
         missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
-        absent = 1.0 - whole[TOTAL] + (motions * missing).sum(axis=0)
+        absent = self._absent(whole[TOTAL], (motions * missing).sum(axis=0))
         birth = settings.pmb.appear_per_m2_s * elapsed
         remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
         background = self._lidar.clutter / likeness(measured) + birth + known.sum(axis=0)
-        found = associate(i, j, mass / (absent.take(i) * background.take(j)), n, m)
+        found = self._associate(i, j, mass / (absent.take(i) * background.take(j)), n, m)
         by_reading = likelihood * (found.pairs / np.maximum(mass, 1e-300))
         total = found.missed * missing / absent + summed(by_reading, i, n)
         shares = by_reading / np.maximum(total, 1e-300).take(i, axis=1)
@@ -189,13 +189,13 @@ class PmbFilter:
         """Tell the static world what stands still; remembered (k,): P_D of what it holds."""
         there, standing = self._things.standing(_BELIEVED)
         obstacle = self._things.weights[OBSTACLE].take(there) / standing[TOTAL]
-        self._world.learn(standing, obstacle, remembered, min(now - self._learnt, _LONGEST_S))
+        self._world.learn(standing, obstacle, remembered, min(now - self._learnt, LONGEST_S))
         self._learnt = now
 
     def _update_by_cameras(self, measured: Bearings) -> None:
         """Readings of teammates only; without the lidar they show those that are new, too."""
         elapsed, n = self._births.elapsed(measured), len(self._things)
-        if measured.time - self._scanned <= _LONGEST_S:
+        if measured.time - self._scanned <= LONGEST_S:
             if n:
                 self._use_strips(measured, None)
             return
@@ -214,6 +214,7 @@ class PmbFilter:
         otherwise; it counts with the share of it that is new.
         """
         things, weights = self._things, self._things.weights
+        there = things.whole[TOTAL]
         n, m, gate = len(things), len(measured.bearings), self._settings.gate
         detected, share = self._camera_detection(measured)
         pairs = pair_bearings(things.rows, things.whole, measured, share, gate, self._ranges_to_m)
@@ -228,14 +229,15 @@ class PmbFilter:
         else:
             clutter = self._camera.clutter + births
         mass = (likelihood * teammates.take(i, axis=1)).sum(axis=0)
-        found = associate(i, j, mass / ((1.0 - expected).take(i) * clutter.take(j)), n, m)
+        absent = self._absent(there, there - expected)
+        found = self._associate(i, j, mass / (absent.take(i) * clutter.take(j)), n, m)
         by_reading = likelihood * (found.messages / clutter.take(j))
         total = 1.0 - detected + summed(by_reading, i, n)
         after = teammates * total**share
         shares = after / np.maximum((after + weights[OBSTACLE] * _STILL_ONLY) * total, 1e-300)
         absorb(things.rows, pairs.changes, i, by_reading * shares.take(i, axis=1))
         weights[TEAMMATE] *= (total**share).take(MOTION_OF[TEAMMATE], axis=0)
-        weights /= 1.0 - teammates.sum(axis=0) + after.sum(axis=0)
+        weights /= self._total(there, there + (after - teammates).sum(axis=0))
         things.changed()
         if births is not None:
             things.tracks[SEEN, i[found.pairs > 0.5]] = measured.time - measured.lag
@@ -265,6 +267,16 @@ class PmbFilter:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As `sensor_models.surroundings`, of things as Gaussians (ROWS, n)."""
         return surroundings(whole[X], whole[Y], whole[TOTAL], self._width, clearance)
+
+    _associate = staticmethod(associate)
+
+    def _absent(self, there: FloatArray, missed: FloatArray) -> FloatArray:
+        """Probability (n,) that a thing gives no reading: it is missed, or not there at all."""
+        return np.asarray(1.0 - there + missed)
+
+    def _total(self, there: FloatArray, after: FloatArray) -> FloatArray:
+        """What weights (n,) are divided by that a picture took from `there` to `after`."""
+        return self._absent(there, after)
 
     def _label(self) -> None:
         """Number what is reported for the first time."""

@@ -44,14 +44,7 @@ MRCLAM_ROBOT = RobotConfig(
         blind_sectors=(),
     ),
     filter=FilterSettings(
-        motion_noise_m=0.08,
-        motion_growth_per_s=0.5,
-        obstacle_share=0.0,
-        birth_per_m2=0.05,
         survival_range_m=8.0,
-        report_weight=0.3,
-        forget_weight=0.05,
-        report_sigma_m=0.4,
         # Who is read is a robot, or a landmark, which is not scored; robots drive at 6.5 cm/s.
         pmb=PmbSettings(
             speed_mps=0.065,

@@ -25,7 +25,7 @@ from host.sessions import evaluating, runs
 from host.simulation.world.scenarios import Scenario
 
 OVER_TIME_BIN_S = 2.5
-Settings = tuple[tuple[str, Any], ...]  # of robot.toml: (("filter.report_weight", 0.5), ...)
+Settings = tuple[tuple[str, Any], ...]  # of robot.toml: (("filter.gate", 16.0), ...)
 Record = dict[str, Any]
 
 
@@ -164,7 +164,7 @@ def with_settings(config: RobotConfig, settings: Settings) -> RobotConfig:
 
 
 def parse_setting(text: str) -> tuple[str, list[Any]]:
-    """`filter.report_weight=0.4,0.5` as key and values, each as robot.toml would have it.
+    """`filter.gate=9.0,16.0` as key and values, each as robot.toml would have it.
 
     Raises UserError for anything else.
     """
@@ -178,7 +178,7 @@ def parse_setting(text: str) -> tuple[str, list[Any]]:
         raise UserError(
             f"cannot read the setting {text!r}",
             why,
-            "write a key of robot.toml and its values, as in filter.report_weight=0.4,0.5",
+            "write a key of robot.toml and its values, as in filter.gate=9.0,16.0",
         )
     return key.strip(), values
 

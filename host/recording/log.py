@@ -15,7 +15,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from host.config import RobotConfig
+from host.config import RobotConfig, recorded_config
 from host.config_errors import NOT_REGISTERED, explain_settings
 from host.errors import UserError
 from host.messages import (
@@ -242,7 +242,7 @@ def _header(path: Path, about: dict[str, Any], version: int) -> RecordingHeader:
             "use the swarmloc that wrote it",
         )
     try:
-        config = RobotConfig.model_validate(about["config"])
+        config = recorded_config(about["config"])
         names = [field.name for field in dataclasses.fields(RecordingHeader)][1:]
         return RecordingHeader(config, **{name: about[name] for name in names if name in about})
     except ValidationError as error:

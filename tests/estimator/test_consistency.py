@@ -1,4 +1,4 @@
-"""A linear world of which the filter knows everything: is it as good, and as sure, as it may be?"""
+"""A linear world that the filter knows: is it as good, and as sure, as it may be?"""
 
 import math
 from datetime import datetime, timedelta
@@ -10,32 +10,40 @@ from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
 from stonesoup.measures import Mahalanobis
 from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
 from stonesoup.models.measurement.linear import LinearGaussian
-from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk
+from stonesoup.models.transition.linear import (
+    CombinedLinearGaussianTransitionModel,
+    OrnsteinUhlenbeck,
+)
 from stonesoup.predictor.kalman import KalmanPredictor
 from stonesoup.types.detection import Detection
 from stonesoup.types.state import TaggedWeightedGaussianState
 from stonesoup.updater.kalman import KalmanUpdater
 from stonesoup.updater.pointprocess import PHDUpdater
 
-from host.config import FilterSettings, Lidar
+from host.config import FilterSettings, Lidar, PmbSettings
 from host.estimator.phd import PhdFilter
 from host.evaluation.metrics import Accumulator, gospa
 from host.messages import Displacement, Positions
 
 RATE_HZ = 7.0
-DETECTED, NOISE_M, MOTION_M = 0.9, 0.05, 0.06
+DETECTED, NOISE_M = 0.9, 0.02
+# How teammates move (docs/filters.md): m²/s³ and s by mode; changes of mode, 1/s.
+MODES = STANDING, MOVING, CRUISING = range(3)
+NOISE_OF_SPEED, KEPT_S = np.array([0.0, 0.05, 0.0005]), np.array([1.0, 3.0, 20.0])
+RATES = {
+    (STANDING, MOVING): 0.7,
+    (MOVING, STANDING): 0.7,
+    (MOVING, CRUISING): 3.0,
+    (CRUISING, MOVING): 0.7,
+}
+SPEED_MPS = 0.2
 SIDE_M = 3.0
 CLUTTER, BIRTH = 0.1, 0.005  # 1/m²
 WARM_UP = 10
 
 SETTINGS = FilterSettings(
-    motion_noise_m=MOTION_M,
-    motion_growth_per_s=0.0,
-    obstacle_share=0.0,
-    birth_per_m2=BIRTH,
     survival_range_m=50.0,
-    forget_weight=0.05,
-    report_sigma_m=0.3,
+    pmb=PmbSettings(appear_per_m2_s=BIRTH * RATE_HZ, obstacle_share=0.0),
 )
 SENSOR = Lidar(
     target_diameter_m=0.011,
@@ -48,12 +56,27 @@ SENSOR = Lidar(
 
 
 def world(seed, targets=5, scans=80):
-    """Times, true positions (n, 2) and readings (m, 2) of targets on a random walk."""
+    """Times, true positions (n, 2) and readings (m, 2) of targets that stand, move and cruise."""
     random = np.random.default_rng(seed)
-    half = SIDE_M / 2
-    truth = random.uniform(-half, half, (targets, 2))
+    half, steps = SIDE_M / 2, 20
+    dt = 1.0 / RATE_HZ / steps
+    truth, speeds = random.uniform(-half, half, (targets, 2)), np.zeros((targets, 2))
+    modes = np.full(targets, STANDING)
     for scan in range(1, scans + 1):
-        truth = truth + random.normal(0.0, MOTION_M / math.sqrt(RATE_HZ), truth.shape)
+        for _ in range(steps):
+            for k, mode in enumerate(modes):
+                chances = [RATES.get((mode, other), 0.0) * dt for other in MODES]
+                modes[k] = random.choice(
+                    MODES, p=[*chances[:mode], 1.0 - sum(chances), *chances[mode + 1 :]]
+                )
+                if modes[k] == STANDING:
+                    speeds[k] = 0.0
+                elif mode == STANDING:
+                    speeds[k] = random.normal(0.0, SPEED_MPS, 2)
+            noise, kept_s = NOISE_OF_SPEED[modes], KEPT_S[modes]
+            truth = truth + speeds * dt
+            kick = random.normal(0.0, np.sqrt(noise * dt)[:, None], speeds.shape)
+            speeds = speeds * (1.0 - dt / kept_s)[:, None] + kick
         seen = truth[random.random(targets) < DETECTED]
         clutter = random.uniform(-half, half, (random.poisson(CLUTTER * SIDE_M**2), 2))
         readings = np.concatenate((seen + random.normal(0.0, NOISE_M, seen.shape), clutter))
@@ -72,10 +95,10 @@ def ours(events):
 
 def stone_soups(events):
     """The positions (n, 2) that Stone Soup's GM-PHD filter gives after each scan."""
-    walk = RandomWalk(MOTION_M**2)
-    sensor = LinearGaussian(2, (0, 1), NOISE_M**2 * np.eye(2))
+    wander = OrnsteinUhlenbeck(NOISE_OF_SPEED[MOVING], 1.0 / KEPT_S[MOVING])
+    sensor = LinearGaussian(4, (0, 2), NOISE_M**2 * np.eye(2))
     kalman = KalmanUpdater(sensor)
-    predictor = KalmanPredictor(CombinedLinearGaussianTransitionModel([walk, walk]))
+    predictor = KalmanPredictor(CombinedLinearGaussianTransitionModel([wander, wander]))
     hypothesiser = GaussianMixtureHypothesiser(
         DistanceHypothesiser(predictor, kalman, Mahalanobis(), missed_distance=4.0),
         order_by_detection=True,
@@ -88,8 +111,8 @@ def stone_soups(events):
     for time, _, readings in events:
         stamp = datetime(2020, 1, 1) + timedelta(seconds=time)
         birth = TaggedWeightedGaussianState(
-            np.zeros((2, 1)),
-            (SIDE_M / 2) ** 2 * np.eye(2),
+            np.zeros((4, 1)),
+            np.diag([(SIDE_M / 2) ** 2, SPEED_MPS**2] * 2),
             weight=BIRTH * SIDE_M**2,
             tag=TaggedWeightedGaussianState.BIRTH,
             timestamp=stamp,
@@ -100,7 +123,7 @@ def stone_soups(events):
         }
         hypotheses = hypothesiser.hypothesise([*mixture, birth], detections, stamp)
         mixture = reducer.reduce(updater.update(hypotheses).components)
-        found = [np.ravel(c.state_vector) for c in mixture if c.weight > 0.5]
+        found = [np.ravel(c.state_vector)[::2] for c in mixture if c.weight > 0.5]
         yield np.array(found, dtype=float).reshape(-1, 2)
 
 
@@ -126,9 +149,8 @@ def test_it_is_no_worse_than_stone_soups_filter_on_the_same_data(seed):
 def test_it_is_as_sure_as_it_may_be():
     """NEES over many worlds: 1 for a filter whose covariance is that of its error.
 
-    Over forty worlds it was 0.970, with a standard deviation of 0.073 a world, so 0.021 for the
-    mean of these twelve. A little under 1: merging widens the covariance by the distance of what
-    is merged.
+    Over these twelve it was 1.13, their median 1.02: a false estimate beside a target that is
+    matched with it weighs much. So the mean has a standard error of 0.08.
     """
     parts = []
     for seed in range(10, 22):
@@ -138,7 +160,7 @@ def test_it_is_as_sure_as_it_may_be():
             part.add(truth, np.zeros((0, 2)), estimate)
         parts.append(part)
     row = Accumulator.pooled(parts).row("", "", "", "")
-    assert 0.9 < row.anees < 1.05
-    assert row.missed < 0.16  # 0.11 over forty worlds
-    assert row.false < 0.12  # 0.07
+    assert 0.9 < row.anees < 1.3
+    assert row.missed < 0.07  # 0.037
+    assert row.false < 0.09  # 0.048
     assert abs(row.cardinality_error) < 0.1

@@ -8,15 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.config import FilterSettings, Lidar
+from host.config import FilterSettings, Lidar, PmbSettings
+from host.estimator.gaussians.moving_gaussians import PXX, PXY, PYY, X, Y
 from host.estimator.phd import PhdFilter
+from host.estimator.things.thing_modes import MODES, MOTION_OF
 from host.messages import Displacement, Positions
 from tests.estimator.standing_robot import MOST, PLAIN_VIEW, RATE_HZ, Run, heard, seen
 
-# Equation 6, recomputed one component at a time.
+# Proposition 2 of Vo & Ma 2006, recomputed in scalars.
 
-CLUTTER, BIRTH, DETECTED = 0.1, 0.05, 0.8
-UNIFORM = Lidar(
+CLUTTER, DETECTED = 0.1, 0.8
+FLOOR_M, CORRELATED_S, LEAST = 0.001, 0.3, 3e-3  # docs/filters.md, `pmb`
+SENSOR = Lidar(
     detection_probability=DETECTED,
     half_range_m=999.0,
     min_range_m=0.0,
@@ -24,81 +27,53 @@ UNIFORM = Lidar(
     clutter_per_m2=CLUTTER,
     blind_sectors=(),
 )
-# Nothing moves, fades, or is pruned, and everything is reported.
-EVERYTHING = {
-    "obstacle_share": 0.0,
-    "birth_per_m2": BIRTH,
-    "motion_noise_m": 1e-6,
-    "motion_growth_per_s": 0.0,
-    "survival_range_m": 50.0,
-    "survival_s": 1e6,
-    "report_weight": 2e-9,
-    "forget_weight": 1e-9,
-    "report_sigma_m": 9.9,
-    "prune_weight": 1e-11,
-    "gate": 100.0,
-}
 
 
-def equation_6(mixture, readings, noise, clutter=CLUTTER):
-    """Components (mean, covariance, weight) after a set of readings, with clutter and birth.
-
-    A component gives at most one reading: what was seen of it was not missed as well.
-    """
-    seen = [0.0] * len(mixture)
-    after = []
-    for reading in readings:
-        updated = []
-        for mean, matrix, weight in mixture:
-            innovation = matrix + noise
-            gain = matrix @ np.linalg.inv(innovation)
-            off = reading - mean
-            density = math.exp(-0.5 * off @ np.linalg.solve(innovation, off))
-            density /= 2 * math.pi * math.sqrt(np.linalg.det(innovation))
-            updated.append((mean + gain @ off, matrix - gain @ matrix, DETECTED * weight * density))
-        updated.append((reading, noise, BIRTH))
-        below = clutter + sum(weight for _, _, weight in updated)
-        seen = [s + updated[k][2] / below for k, s in enumerate(seen)]
-        after += [(mean, matrix, weight / below) for mean, matrix, weight in updated]
-    for (mean, matrix, weight), share in zip(mixture, seen, strict=True):
-        after.append((mean, matrix, weight * (1 - DETECTED) * max(1 - share, 0.0)))
-    return after
+def normal(off, covariance):
+    """N(off; 0, covariance) of two dimensions."""
+    square = off @ np.linalg.solve(covariance, off)
+    return math.exp(-0.5 * square) / (2 * math.pi * math.sqrt(np.linalg.det(covariance)))
 
 
-def scattered(seed, scans=3, readings=3, size=0.3):
+def gaussian(rows, motion, thing):
+    """Mean and covariance of the position of a thing in one of its motions."""
+    x, y, pxx, pxy, pyy = rows[[X, Y, PXX, PXY, PYY], motion, thing]
+    return np.array([x, y]), np.array([[pxx, pxy], [pxy, pyy]])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_the_weights_after_a_scan_are_those_of_proposition_2(seed):
+    """Three things in each other's way, one of them missed; each mode has its weight."""
     random = np.random.default_rng(seed)
-    return [np.array([1.0, -0.5]) + random.uniform(0, size, (readings, 2)) for _ in range(scans)]
+    places = np.array([1.0, -0.5]) + np.array([[0.0, 0.0], [0.1, 0.1], [0.0, 0.3]])
+    run = Run(FilterSettings(gate=100.0, survival_range_m=50.0), SENSOR)
+    run.filter._things.merge_duplicates = lambda: None
+    for _ in range(2):
+        run.scan(places, sigma=0.05)
+    run.wait()
+    things = run.filter._things
+    rows, before, n = things.rows.copy(), things.weights.copy(), len(things)
+    readings = places[:2] + random.normal(0.0, 0.05, (2, 2))
+    run.filter.update(seen(run.time, readings, sigma=0.05))
+    noise = (0.05**2 + FLOOR_M**2) * np.eye(2)
 
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25)
-def test_without_merging_every_component_is_that_of_equation_6(seed):
-    run = Run(FilterSettings(**EVERYTHING, merge_distance=1e-9), UNIFORM)
-    expected = []
-    for readings in scattered(seed):
-        estimate = run.scan(readings, sigma=0.1)
-        expected = equation_6(expected, readings, 0.01 * np.eye(2))
-    heavy = [component for component in expected if component[2] > 1e-6]
-    for mean, matrix, weight in heavy:
-        # Components that two readings moved to nearly the same place are one.
-        (index,) = np.flatnonzero(np.hypot(*(estimate.positions - mean).T) < 1e-6)
-        assert estimate.weights[index] == pytest.approx(weight, rel=0.03)
-        assert estimate.covariances[index] == pytest.approx(matrix, abs=1e-9)
-    assert len(heavy) >= np.count_nonzero(estimate.weights > 1.1e-6)
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25)
-def test_merging_keeps_the_mass_of_equation_6(seed):
-    # Amid much clutter nothing grows so heavy that it would be cut down to one teammate.
-    run = Run(FilterSettings(**EVERYTHING), UNIFORM.model_copy(update={"clutter_per_m2": 2.0}))
-    for readings in scattered(seed, scans=2, size=1.0):
-        before = run.estimate()
-        after = run.scan(readings, sigma=0.1)
-    mixture = list(zip(before.positions, before.covariances, before.weights, strict=True))
-    expected = equation_6(mixture, readings, 0.01 * np.eye(2), clutter=2.0)
-    assert np.sum(after.weights) == pytest.approx(sum(w for *_, w in expected), rel=0.03)
-    assert len(after.weights) < len(expected)
+    birth = PmbSettings().appear_per_m2_s / RATE_HZ
+    missing = (1.0 - DETECTED) ** (1.0 - math.exp(-1.0 / RATE_HZ / CORRELATED_S))
+    q = np.zeros((MODES, n, len(readings)))
+    for mode, thing in np.ndindex(MODES, n):
+        mean, covariance = gaussian(rows, MOTION_OF[mode], thing)
+        for z, reading in enumerate(readings):
+            q[mode, thing, z] = DETECTED * normal(reading - mean, covariance + noise)
+    shared = before[:, :, None] * q
+    shared /= CLUTTER + birth + shared.sum(axis=(0, 1))
+    taken = shared.sum(axis=(0, 2))
+    # A thing gives one reading a scan: no more is its own, and what was seen was not missed.
+    shared /= np.maximum(taken, 1.0)[:, None]
+    expected = shared.sum(axis=2) + before * missing * np.maximum(1.0 - taken, 0.0)
+    expected = expected[:, expected.sum(axis=0) > LEAST]
+    found = run.filter._things.weights[:, : expected.shape[1]]  # those born come last
+    assert found == pytest.approx(expected, rel=1e-9)
 
 
 def walkers(seed, count=3, seconds=10.0):

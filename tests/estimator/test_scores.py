@@ -6,7 +6,6 @@ import pytest
 from host.config import FilterSettings, Lidar
 from host.estimator.gaussians.gaussian_mixture import WEIGHT, Y
 from host.estimator.phd import PhdFilter
-from host.estimator.things.kinds import TEAMMATE, rows_of
 from host.messages import Displacement, Positions
 
 
@@ -19,10 +18,10 @@ def test_a_reading_that_looks_like_furniture_is_less_of_a_teammate() -> None:
         time = 0.14 * (step + 1)
         filter_.predict(Displacement(time, 0.14, 0.0, 0.0, 0.0))
         filter_.update(Positions(time, places, noise, scores=scores))
-    rows = rows_of(filter_._state)
-    of_turret = np.argmin(np.abs(rows[Y, TEAMMATE] - 0.3))
-    of_leg = np.argmin(np.abs(rows[Y, TEAMMATE] + 0.7))
-    share = rows[WEIGHT, TEAMMATE] / rows[WEIGHT].sum(axis=0)
+    teammates, whole = filter_._things.teammates(), filter_._things.whole
+    of_turret = np.argmin(np.abs(whole[Y] - 0.3))
+    of_leg = np.argmin(np.abs(whole[Y] + 0.7))
+    share = teammates[WEIGHT] / whole[WEIGHT]
     assert share[of_leg] < 0.25 * share[of_turret]
 
 
@@ -33,6 +32,6 @@ def test_scores_above_what_is_plain_change_nothing() -> None:
     for scores in (None, np.array([3.0]), np.array([12.0])):
         filter_ = PhdFilter(FilterSettings(), Lidar())
         filter_.update(Positions(0.0, places, noise, scores=scores))
-        weights.append(rows_of(filter_._state)[WEIGHT].copy())
+        weights.append(filter_._things.weights)
     assert weights[0] == pytest.approx(weights[1])
     assert weights[0] == pytest.approx(weights[2])

@@ -23,7 +23,7 @@ ARGUMENTS = (
     "--filters",
     "phd,clairvoyant",
     "--set",
-    "filter.report_sigma_m=0.1,0.2",
+    "filter.pmb.report_error_m=0.1,0.5",
 )
 LONG_S = 120.0  # a bound on waiting, not on speed
 
@@ -35,7 +35,7 @@ def expected():
         trials.seeded(["arena4:seconds=7"], SEEDS),
         ["phd", "clairvoyant"],
         ["lidar+camera", "lidar"],
-        [("filter.report_sigma_m", [0.1, 0.2])],
+        [("filter.pmb.report_error_m", [0.1, 0.5])],
     )
     return table(summaries([trials.score(trial) for trial in every]))
 

@@ -109,7 +109,7 @@ def test_a_teammate_that_is_never_in_range_has_no_figure_and_the_record_is_kept(
 def test_a_setting_of_the_filter_and_one_of_the_lidar_change_what_is_scored():
     robot = RobotConfig()
     plain = trials.score(Trial(SOURCE, "phd", "lidar"))["missed"]
-    strict = Trial(SOURCE, "phd", "lidar", (("filter.report_sigma_m", 0.01),))
+    strict = Trial(SOURCE, "phd", "lidar", (("filter.pmb.report_error_m", 0.01),))
     blind = Trial(SOURCE, "phd", "lidar", (("lidar.max_range_m", 0.5),))
     assert trials.score(strict)["missed"] > plain
     assert trials.score(blind)["missed"] > plain

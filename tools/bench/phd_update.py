@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from host.config import FilterSettings, Lidar
+from host.config import FilterSettings, Lidar, PmbSettings
 from host.estimator.phd import PhdFilter
 from host.evaluation.metrics import gospa
 from host.messages import Displacement, FloatArray, Positions
@@ -58,14 +58,9 @@ LIDAR = Lidar(
     blind_sectors=(),
 )
 FILTER = FilterSettings(
-    motion_noise_m=MOTION_M,
-    motion_growth_per_s=0.0,
-    obstacle_share=0.0,
-    birth_per_m2=BIRTH_PER_M2,
     survival_range_m=50.0,
     survival_s=SURVIVAL_S,
-    forget_weight=0.05,  # below what one miss leaves, 1 - 0.9
-    prune_weight=PRUNE_WEIGHT,
+    pmb=PmbSettings(speed_mps=MOTION_M, appear_per_m2_s=BIRTH_PER_M2 * RATE_HZ, obstacle_share=0.0),
 )
 
 

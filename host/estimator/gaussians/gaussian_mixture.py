@@ -18,7 +18,6 @@ X, Y, PXX, PXY, PYY, WEIGHT = range(ROWS)  # m, m²; weight: expected number of 
 
 _DENSE_PAIRS = 4096  # up to here a full distance table is faster than a KD-tree
 _NEIGHBOURS = 8  # how many each may be paired with when the tree is used
-_ODD_SIZE = 0.2  # share of strips whose size misleads
 
 
 def predict_mixture(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> None:
@@ -150,27 +149,6 @@ def update_by_bearings(
     kx, ky = px / variance, py / variance
     updated[: PYY + 1] += (kx * innovation, ky * innovation, -kx * px, -kx * py, -ky * py)
     return BearingPairs(i, j, likelihood, updated)
-
-
-def range_support(
-    rows: FloatArray, measured: Bearings, pairs: BearingPairs, reach_m: float
-) -> FloatArray:
-    """How much more likely each pair is by its strip's size (p,); 1 where the size is unknown.
-
-    Against a false strip, which has any size from here to `reach_m` alike. A strip that is hidden
-    in part looks too far away, so that a wrong size never speaks for more than _ODD_SIZE against.
-    """
-    if measured.ranges is None or measured.range_variances is None:
-        return np.ones(len(pairs.component))
-    i, j = pairs.component, pairs.reading
-    dx, dy = rows[X, i] - measured.origin[0], rows[Y, i] - measured.origin[1]
-    distance = np.maximum(np.hypot(dx, dy), 1e-3)
-    ux, uy = dx / distance, dy / distance
-    along = ux * ux * rows[PXX, i] + 2.0 * ux * uy * rows[PXY, i] + uy * uy * rows[PYY, i]
-    variance = measured.range_variances[j] + along
-    off = measured.ranges[j] - distance
-    density = np.exp(-0.5 * off * off / variance) / np.sqrt(2.0 * math.pi * variance)
-    return np.asarray(_ODD_SIZE + (1.0 - _ODD_SIZE) * reach_m * density)
 
 
 def match_moments(rows: FloatArray, into: IntArray, centres: FloatArray) -> FloatArray:

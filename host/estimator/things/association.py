@@ -50,3 +50,19 @@ def associate(
     missed = np.asarray(1.0 / (1.0 + np.bincount(i, claims, targets)), dtype=np.float64)
     unclaimed = np.asarray(1.0 / claimed, dtype=np.float64)
     return Association(claims * missed.take(i), missed, unclaimed, free)
+
+
+def share_out(
+    i: IntArray, j: IntArray, ratios: FloatArray, targets: int, readings: int
+) -> Association:
+    """As `associate`, by the weights of a PHD filter: each reading is shared out by itself.
+
+    A target takes r / (1 + sum of r) of it, with r (p,) its expected readings there over those of
+    clutter and births (Vo & Ma 2006, prop. 2), but no more than one reading altogether, and what
+    it takes was not missed as well.
+    """
+    claimed = 1.0 + np.bincount(j, ratios, readings)
+    pairs = ratios / claimed.take(j)
+    pairs /= np.maximum(np.bincount(i, pairs, targets), 1.0).take(i)
+    missed = np.asarray(np.maximum(1.0 - np.bincount(i, pairs, targets), 0.0), dtype=np.float64)
+    return Association(pairs, missed, np.asarray(1.0 / claimed), 1.0 / (claimed.take(j) - ratios))

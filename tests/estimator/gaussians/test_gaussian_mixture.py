@@ -1,4 +1,3 @@
-import dataclasses
 import math
 from datetime import datetime
 
@@ -6,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 from stonesoup.models.measurement.linear import LinearGaussian
 from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
@@ -24,7 +22,6 @@ from host.estimator.gaussians.gaussian_mixture import (
     gated_pairs,
     match_moments,
     predict_mixture,
-    range_support,
     update_by_bearings,
     update_by_positions,
 )
@@ -351,34 +348,3 @@ def test_stacked_mixtures_are_merged_each_by_itself(seed):
     )
     assert stacked[:, 0] == pytest.approx(match_moments(one, into, centres))
     assert stacked[:, 1] == pytest.approx(match_moments(two, into, centres))
-
-
-def test_a_strips_size_speaks_for_the_component_at_its_range():
-    rows = np.zeros((ROWS, 3))
-    rows[X], rows[Y] = [0.6, 1.2, 2.4], [0.3, 0.6, 1.2]  # all in one direction
-    rows[PXX], rows[PXY], rows[PYY] = 0.02, 0.005, 0.03
-    origin, reach, std = (0.1, -0.1), 6.0, 0.15
-    bearing = math.atan2(0.6 + 0.1, 1.2 - 0.1)
-    said = math.hypot(1.1, 0.7) + 0.1
-    measured = Bearings(
-        0.0,
-        np.array([bearing]),
-        np.array([0.05]),
-        origin,
-        ranges=np.array([said]),
-        range_variances=np.array([std**2]),
-    )
-    pairs = update_by_bearings(rows, measured, 0.0, 100.0)
-    assert pairs.component.tolist() == [0, 1, 2]
-    got = range_support(rows, measured, pairs, reach)
-    for k, factor in enumerate(got):
-        ray = np.array([rows[X, k] - origin[0], rows[Y, k] - origin[1]])
-        distance = float(np.linalg.norm(ray))
-        cov = np.array([[0.02, 0.005], [0.005, 0.03]])
-        spread = math.sqrt(std**2 + ray @ cov @ ray / distance**2)
-        density = stats.norm(distance, spread).pdf(said)
-        assert factor == pytest.approx(0.2 + 0.8 * density / (1.0 / reach))
-    assert got[1] > 5.0
-    assert got[0] < 1.0
-    unknown = dataclasses.replace(measured, ranges=None)
-    assert range_support(rows, unknown, pairs, reach).tolist() == [1.0] * 3
