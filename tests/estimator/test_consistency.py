@@ -1,6 +1,5 @@
 """A linear world that the filter knows: is it as good, and as sure, as it may be?"""
 
-import math
 from datetime import datetime, timedelta
 
 import numpy as np
