@@ -23,6 +23,7 @@ FLOORS = {
     "cross_checks": 3,
     "calibration": 3,
     "evaluation": 3,
+    "mapping": 3,
     "flashing": 3,
     "drivers": 2,
     "perception": 2,

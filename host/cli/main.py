@@ -11,6 +11,7 @@ from host.cli.evaluate import evaluate
 from host.cli.export import export_command
 from host.cli.flash import flash_command
 from host.cli.init import init
+from host.cli.map import map_command
 from host.cli.print_sheets import print_group
 from host.cli.record import record
 from host.cli.replay import replay
@@ -88,6 +89,7 @@ for command in (
     record,
     replay,
     export_command,
+    map_command,
     evaluate,
     sweep_command,
     flash_command,

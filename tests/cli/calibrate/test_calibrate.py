@@ -18,7 +18,7 @@ from host.sessions.gathering import with_mocap
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
 
-EXAMPLE = Path(__file__).parents[2] / "robots" / "cherokey.toml"
+EXAMPLE = Path(__file__).parents[3] / "robots" / "cherokey.toml"
 DRIVE = "arena4:seed=1,seconds=60,misbuilt=1,lidar_delay_s=0.08,camera_delay_s=0.15,mocap_hz=100"
 TRUE = built(RobotConfig(), parse_scenario(DRIVE))
 

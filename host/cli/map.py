@@ -1,0 +1,74 @@
+"""`swarmloc map`: the room as the lidar saw it, without the teammates that drove through it."""
+
+from pathlib import Path
+
+import click
+import cv2
+
+from host.cli import options
+from host.registry import FILTERS
+from host.sessions.mapping import map_source
+from host.sessions.robot import robot_configuration
+
+
+@click.command(
+    "map",
+    short_help="A map of the room, teammates taken out.",
+    epilog="""\b
+Examples:
+  swarmloc map today.mcap room.png
+  swarmloc map arena4:seed=1,seconds=60,standing=1 room.png""",
+)
+@click.argument("source")
+@click.argument("output", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--filter",
+    "filter_name",
+    default="pmb",
+    show_default=True,
+    type=click.Choice(FILTERS.names()),
+    metavar="NAME",
+    help="Who says where teammates are.",
+)
+@click.option(
+    "--cell",
+    "cell_m",
+    default=0.05,
+    show_default=True,
+    type=click.FloatRange(0.01, 1.0),
+    metavar="M",
+    help="Side of a cell, m: a pixel of the picture.",
+)
+@options.robot_or_recordings_option
+@options.json_option
+def map_command(
+    source: str,
+    output: Path,
+    filter_name: str,
+    cell_m: float,
+    robot_path: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Draw what the lidar saw of SOURCE, a recording or a scenario, as an occupancy grid.
+
+    OUTPUT, a PNG, has it without the teammates; OUTPUT-with-teammates.png beside it has them, too.
+    White is free, black is occupied, grey was not seen. Of a scenario the room is known, and it
+    says how many cells are wrong.
+    """
+    if output.suffix != ".png":
+        raise click.UsageError(f"a map is written as .png: {output.with_suffix('.png')}")
+    pictures = {output: "without", output.with_stem(f"{output.stem}-with-teammates"): "with"}
+    for path in pictures:
+        options.check_writable(path)
+    robot = None if robot_path is None else robot_configuration(robot_path)
+    mapper, wrong = map_source(source, filter_name, cell_m, robot)
+    for path, which in pictures.items():
+        grid = mapper.cleared if which == "without" else mapper.whole
+        path.write_bytes(bytes(cv2.imencode(".png", grid.picture())[1]))
+        click.echo(f"{which} teammates: {path}")
+    options.write_json(json_path, {name: each.as_json() for name, each in wrong.items()})
+    for name, each in wrong.items():
+        click.echo(
+            f"{name}: {each.wrong} of {each.known} cells are wrong: {each.false} occupied where "
+            f"nothing stands, {each.lost} free where something does"
+        )

@@ -1,0 +1,1 @@
+"""A map of the room, without the teammates that drove through it (Belaroussi 2024, appendix B)."""
