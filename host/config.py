@@ -211,7 +211,7 @@ class FilterSettings(Section):
     survival_range_m: float = Field(2.5, gt=0.1, le=50.0)  # beyond, teammates fade in about 1 s
     survival_s: float = Field(30.0, gt=0.1, le=1e6)  # mean time before an unseen teammate fades
     forget_weight: float = Field(0.15, gt=0.0, lt=1.0)  # of `phd`: kept in the report until then
-    gate: float = Field(16.0, gt=1.0, le=100.0)  # squared Mahalanobis
+    gate: float = Field(25.0, gt=1.0, le=100.0)  # squared Mahalanobis
     pmb: PmbSettings = PmbSettings()
 
 

@@ -44,6 +44,16 @@ class Run:
         return self.filter.estimate()
 
 
+class Swerving(MovingTeammates):
+    """Standing, moving, cruising; what goes over from cruising to moving changes its velocity."""
+
+    def _mix(self, switching):
+        swerved = self._shares[:, 2] * switching[2, 1] / (self._shares @ switching)[:, 1]
+        super()._mix(switching)
+        renewed = self._modes.speed_mps**2 * np.eye(2)
+        self._covariances[:, 1, 2:, 2:] += swerved[:, None, None] * renewed
+
+
 def path(seed, scans=40):
     """Places of a robot that stands, drives at 0.3 m/s and turns."""
     random, place, heading = np.random.default_rng(seed), np.array([1.0, -0.5]), 2.0
@@ -81,7 +91,7 @@ def follow_as_an_imm(seed):
     run = Run(PmbSettings(obstacle_share=0.0, appear_per_m2_s=1e-3), everything)
     random = np.random.default_rng(seed)
     rates = thing_modes._RATES[PARKED + 1 :, PARKED + 1 :]
-    imm = MovingTeammates(
+    imm = Swerving(
         MotionModes(
             accelerations=thing_modes._NOISE,
             correlations_s=(0.0, *thing_modes._TIMES[1:]),

@@ -31,8 +31,9 @@ from host.messages import Displacement, FloatArray
 OBSTACLE, PARKED, STANDING, MOVING, CRUISING = range(5)
 MODES = 5
 TEAMMATE = slice(1, 5)
-STILL, MOTIONS = 0, 3  # of the Gaussians
-MOTION_OF = np.array([0, 0, 0, 1, 2])  # the Gaussian of each mode
+STILL, MANOEUVRE, CRUISE = range(3)  # the Gaussians
+MOTIONS = 3
+MOTION_OF = np.array([STILL, STILL, STILL, MANOEUVRE, CRUISE])  # of each mode
 
 _IN_MOTION = (np.arange(MOTIONS)[:, None] == MOTION_OF).astype(np.float64)
 
@@ -44,12 +45,12 @@ _RATES = np.array(
         [1e-5, 0.0, 0.01, 0.0, 0.0],
         [0.0, 0.01, 0.0, 0.7, 0.0],
         [0.0, 0.0, 0.7, 0.0, 3.0],
-        [0.0, 0.0, 0.0, 0.7, 0.0],
+        [0.0, 0.0, 0.0, 0.4, 0.0],
     ]
 )
 _AT_BIRTH = np.array([0.1, 0.1, 0.33, 0.47])  # of teammates, the share in each of their modes
 # Of each motion: acceleration noise m²/s³ and correlation time s of the velocity.
-_NOISE, _TIMES = (0.0, 0.05, 0.0005), (1.0, 3.0, 20.0)
+_NOISE, _TIMES = (0.0, 0.03, 0.0003), (1.0, 3.0, 20.0)
 _STAYS = np.tile(np.diag([1.0, 1.0, 0.0, 0.0]), (MOTIONS, 1, 1))  # F of what stands still
 _LEAST_FLOW = 1e-30  # keeps the Gaussian of a motion that is ruled out
 
@@ -84,7 +85,8 @@ class ThingModes:
     ) -> tuple[FloatArray, FloatArray]:
         """Interaction: each motion becomes the mixture of what may have changed into it.
 
-        What starts to move has any velocity of the usual size; what stops has none.
+        What starts to move has any velocity of the usual size; what stops has none. What ends to
+        cruise may brake or swerve at once: its velocity changes by the usual size.
         """
         chances = np.maximum((self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse, 0.0)
         # The probability that flows from motion to motion, of the modes that it flows from.
@@ -95,6 +97,7 @@ class ThingModes:
         shares /= shares.sum(axis=0)
         rows[[PVXVX, PVYVY], STILL] = self._speed_variance
         mixed = mix(rows, shares)
+        mixed[[PVXVX, PVYVY], MANOEUVRE] += self._speed_variance * shares[CRUISE, MANOEUVRE]
         mixed[VX : VX + 2, STILL] = 0.0
         mixed[PXVX:, STILL] = 0.0
         return mixed, chances.T @ weights

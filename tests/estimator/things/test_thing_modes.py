@@ -93,7 +93,10 @@ def test_what_starts_to_move_may_have_any_velocity() -> None:
 def test_each_motion_is_mixed_of_what_may_have_changed_into_it(
     weights: list[float], dt: float, seed: int
 ) -> None:
-    """By a loop over pairs of modes; what comes from standing still has any velocity."""
+    """By a loop over pairs of modes.
+
+    What comes from standing still has any velocity; what ends to cruise changes it at once.
+    """
     rows, shares = thing(weights)
     rows[MEAN, :, 0] += np.random.default_rng(seed).normal(0.0, 0.1, (4, MOTIONS))
     rows[VELOCITY, STILL] = 0.0
@@ -114,6 +117,8 @@ def test_each_motion_is_mixed_of_what_may_have_changed_into_it(
             fast += f * (source[2] - mean[2]) ** 2
             if MOTION_OF[a] != STILL:
                 fast += f * rows[PVXVX, MOTION_OF[a], 0]
+            if (MOTION_OF[a], motion) == (CRUISES, DRIVES):
+                fast += f * SPEED**2
         moves = motion != STILL
         assert mixed[MEAN, motion, 0] == pytest.approx(mean * (1, 1, moves, moves), abs=1e-9)
         expected = moves * fast / sum(flows.values())
