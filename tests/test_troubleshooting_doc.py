@@ -14,6 +14,7 @@ FILLED = {
     "swarmloc needs Python 3.11 or newer": "swarmloc needs Python 3.",
     "the left encoder is the other way round": "the other way round",
     "the left motor is the other way round": "the other way round",
+    "late against the wheels": " against the wheels",
     "NAME has it open": "has it open",
     "it is not in the group dialout": "it is not in the group",
     "it joined the group dialout after it logged in": "after it logged in",

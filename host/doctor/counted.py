@@ -1,5 +1,6 @@
 """What devices counted while they were watched, where it is too much and not a fault of its own."""
 
+import re
 from collections.abc import Callable, Mapping
 
 from host.doctor.findings import Finding, Level
@@ -18,9 +19,8 @@ def too_often(watched: Watched) -> list[Finding]:
         for what, next_step, is_too_much in _SIGNS:
             if is_too_much(counts):
                 number = {name: count for name, count in counts.items() if count}
-                found.append(
-                    Finding(device, Level.WARN, what.format_map(_Zeros(number)), next_step)
-                )
+                said = re.sub(r"\b1 times", "once", what.format_map(_Zeros(number)))
+                found.append(Finding(device, Level.WARN, said, next_step))
     return found
 
 

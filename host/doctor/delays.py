@@ -1,10 +1,12 @@
 """How late each sensor is against the wheels, by headings while the robot rotates.
 
 Scans are matched as they are, not corrected for the rotation within them: that alone makes up 40 ms
-at 1 rad/s in simulation, so only more than that is called a delay.
+at 1 rad/s in simulation, so only more than that is called a delay. Cameras show how far a teammate
+moved in the picture; where the rotation begins and ends that says when.
 """
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,17 +15,20 @@ from host.doctor.lidar_motion import LidarMotion
 from host.doctor.watching import Watched
 from host.drivers.natnet.client import MOCAP
 from host.drivers.x4.device import LIDAR
-from host.messages import FloatArray
+from host.geometry import wrap
+from host.messages import Bearings, FloatArray
 
 _DELAYS_S = np.arange(-0.3, 0.3001, 0.005)
 _LATE_S = 0.08  # 5 deg of a bearing at 1 rad/s
 _FEWEST, _LEAST_RAD = 20, 1.0
+_NEXT_S = 0.35  # between two pictures that are compared
+_ELSEWHERE_RAD = 0.1  # further from where a teammate should be now is another one
 
 
 def sensor_delays(
     watched: Watched, motion: LidarMotion, interval: tuple[float, float], body: int
 ) -> list[Finding]:
-    """Delays of lidar and motion capture that robot.toml does not know, in an interval (s).
+    """Delays of each sensor that robot.toml does not know, in an interval (s).
 
     body: the number of this robot's own body.
     """
@@ -39,6 +44,13 @@ def sensor_delays(
     if own:
         stamps, seen = np.array(own).T
         found.append(_of(MOCAP, stamps, np.unwrap(seen), times, headings))
+    for name in sorted({bearings.camera for bearings in watched.bearings}):
+        pictures = [
+            bearings
+            for bearings in watched.bearings
+            if bearings.camera == name and interval[0] < bearings.time < interval[1]
+        ]
+        found.append(_of_camera(name, pictures, times, headings))
     return [finding for finding in found if finding is not None]
 
 
@@ -47,17 +59,35 @@ def _of(
 ) -> Finding | None:
     if len(stamps) < _FEWEST or len(times) < _FEWEST or np.ptp(seen) < _LEAST_RAD:
         return None
-    delay = delay_s(stamps, seen, lambda at: np.interp(at, times, headings))
+    return _finding(part, delay_s(stamps, seen, lambda at: np.interp(at, times, headings)))
+
+
+def _of_camera(
+    name: str, pictures: Sequence[Bearings], times: FloatArray, headings: FloatArray
+) -> Finding | None:
+    pairs = [
+        (before, after)
+        for before, after in itertools.pairwise(pictures)
+        if len(before.bearings) and len(after.bearings) and after.time - before.time < _NEXT_S
+    ]
+    if len(pairs) < _FEWEST or len(times) < _FEWEST or np.ptp(headings) < _LEAST_RAD:
+        return None
+    delay = camera_delay_s(pairs, lambda at: np.interp(at, times, headings))
+    return _finding(f"{name} camera".strip(), delay)  # without a name: both
+
+
+def _finding(part: str, delay: float) -> Finding:
     what = f"{1e3 * abs(delay):.0f} ms {'late' if delay > 0.0 else 'early'} against the wheels"
     if abs(delay) <= _LATE_S:
         return Finding(part, Level.OK, what)
-    section = "lidar" if part == LIDAR else "mocap"
+    fit, section = {LIDAR: ("lidar", "lidar"), MOCAP: ("wheels", "mocap")}.get(
+        part, ("camera", "camera")
+    )
     return Finding(
         part,
         Level.WARN,
         what,
-        f"swarmloc calibrate {'lidar' if part == LIDAR else 'wheels'}, "
-        f"which fits the delay of [{section}]",
+        f"swarmloc calibrate {fit}, which fits the delay of [{section}]",
     )
 
 
@@ -74,4 +104,24 @@ def delay_s(
         design = np.column_stack((said, np.ones(len(said))))
         _, residual, *_ = np.linalg.lstsq(design, seen, rcond=None)
         costs.append(float(residual[0]) if len(residual) else np.inf)
+    return float(_DELAYS_S[int(np.argmin(costs))])
+
+
+def camera_delay_s(
+    pairs: Sequence[tuple[Bearings, Bearings]], heading_at: Callable[[FloatArray], FloatArray]
+) -> float:
+    """The delay (s) of pictures, by how far each teammate moved between two of them.
+
+    heading_at: by the wheels, at times (n,) s. Which teammate is which need not be known: each is
+    compared with the one nearest to where it should be, and who has none there counts alike.
+    """
+    costs = []
+    for delay in _DELAYS_S:
+        ends = np.array([(before.time, after.time) for before, after in pairs]) - delay
+        rotated = np.diff(heading_at(ends.ravel()).reshape(-1, 2))[:, 0]
+        off = [
+            np.abs(wrap(after.bearings[:, None] - before.bearings + turn)).min(axis=1)
+            for (before, after), turn in zip(pairs, rotated, strict=True)
+        ]
+        costs.append(float((np.minimum(np.concatenate(off), _ELSEWHERE_RAD) ** 2).sum()))
     return float(_DELAYS_S[int(np.argmin(costs))])

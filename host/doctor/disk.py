@@ -1,5 +1,6 @@
 """How fast the disk is where recordings go: a few megabytes written as the recorder writes them."""
 
+import errno
 import itertools
 import os
 import tempfile
@@ -21,14 +22,11 @@ def measure(folder: Path) -> Finding:
     try:
         longest, seconds = _write(folder)
     except OSError as error:
-        return failed(
-            PART,
-            UserError(
-                f"nothing can be recorded in {folder.absolute()}",
-                error.strerror or str(error),
-                "start swarmloc in a folder that can be written, or name one: --record FILE",
-            ),
-        )
+        step = "start swarmloc in a folder that can be written, or name one: --record FILE"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            step = "delete what is not needed (recordings: ls -S *.mcap), or record to another disk"
+        why = error.strerror or str(error)
+        return failed(PART, UserError(f"nothing can be recorded in {folder.absolute()}", why, step))
     rate = len(_PIECE) * _PIECES / seconds
     what = f"writes {rate / 1e6:.3g} MB/s, at most {longest:.2f} s for 1 MB, to {folder.absolute()}"
     if rate < _TOO_SLOW or longest > _LONG_S:

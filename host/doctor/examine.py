@@ -11,6 +11,7 @@ from host.doctor.counted import too_often
 from host.doctor.findings import Finding, Level, failed, of_health
 from host.doctor.mountings import cameras_against_lidar
 from host.doctor.spin import Spin
+from host.doctor.tracked import own_body
 from host.doctor.views import missing_returns
 from host.doctor.watching import SECONDS, Watched, watch
 from host.drivers.computer import COMPUTER, Computer
@@ -54,6 +55,7 @@ def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
     found = [finding for health in watched.health.values() for finding in of_health(health)]
     found += [failed(part, error) for part, error in watched.failures.items()]
     found += too_often(watched)
+    found += own_body(watched, config.mocap.body)
     if watched.health.get("lidar") is not None and watched.health["lidar"].ok:
         found += missing_returns(watched.scans, config.lidar)
     if all(finding.part != DEVICE or finding.level == Level.OK for finding in found):

@@ -45,18 +45,10 @@ def diagnose(test: WheelTest, motors: Motors) -> Diagnosis:
     """What the test of one wheel says of its motor and its encoder."""
     name, other = SIDES[test.side], SIDES[1 - test.side]
     counted, seen = _mover(test.counted), None if test.seen is None else _mover(test.seen)
-    if seen is None:
+    if seen is None or test.seen is None:
         return _without_lidar(test, counted, motors)
     if seen != test.side:
-        what = f"commanded to the {name}, the {other} wheel turned"
-        if counted == test.side:
-            return _bad(
-                f"{what}, which the {name} encoder counted: the sides are exchanged",
-                "exchange both plugs of left and right",
-            )
-        return _bad(
-            f"{what}: the motors' leads are exchanged", "exchange the plugs of the two motors"
-        )
+        return _other_wheel(test, test.seen, counted)
     if counted is None:
         return _bad(
             f"the {name} wheel turned, but its encoder counted next to nothing",
@@ -67,8 +59,26 @@ def diagnose(test: WheelTest, motors: Motors) -> Diagnosis:
             f"the {name} wheel turned, and the {other} encoder counted: the encoders are exchanged",
             "exchange the leads of the two encoders",
         )
-    assert test.seen is not None
     return _which_way(test.side, test.seen[test.side] > 0.0, test.counted[test.side] > 0.0, motors)
+
+
+def _other_wheel(test: WheelTest, moved: FloatArray, counted: int | None) -> Diagnosis:
+    """By the lidar the other wheel turned. moved (2,) m: the wheels' travel by the lidar."""
+    name, other = SIDES[test.side], SIDES[1 - test.side]
+    if counted == test.side and test.counted[test.side] > 0.0 > moved[1 - test.side]:
+        return _bad(
+            f"the {name} encoder counted forward, but the lidar saw the {other} wheel go backward: "
+            "as if the lidar looked the other way",
+            f"look which wheel turns. The {name} one: heading_rad of [lidar] is off by half a "
+            f"revolution, swarmloc calibrate lidar. The {other} one: exchange the motors' leads",
+        )
+    what = f"commanded to the {name}, the {other} wheel turned"
+    if counted == test.side:
+        return _bad(
+            f"{what}, which the {name} encoder counted: the sides are exchanged",
+            "exchange both plugs of left and right",
+        )
+    return _bad(f"{what}: the motors' leads are exchanged", "exchange the plugs of the two motors")
 
 
 def _which_way(side: int, moved_forward: bool, counted_forward: bool, motors: Motors) -> Diagnosis:
@@ -101,7 +111,8 @@ def _without_lidar(test: WheelTest, counted: int | None, motors: Motors) -> Diag
     if counted is None:
         return _bad(
             f"the {name} wheel was driven; nothing moved, and no encoder counted",
-            "motor switch and motor jumpers of the board, 7.5 V at M_VIN, its fuse",
+            f"where the {other} wheel turned: the leads of the {name} motor; where none did: motor "
+            "switch and motor jumpers of the board, 7.5 V at M_VIN, its fuse",
         )
     if counted != test.side:
         return _bad(

@@ -186,9 +186,9 @@ def picture(number: int, brightness: float = 1.0) -> bytes:
     return bytes(cv2.imencode(".jpg", coloured)[1])
 
 
-def camera_rig(source: str) -> Rig:
-    """A robot that has a front camera only."""
-    cameras = Cameras(front=CAMERA.model_copy(update={"source": source}))
+def camera_rig(source: str, **settings: Any) -> Rig:
+    """A robot that has a front camera only. settings: of [camera.front]."""
+    cameras = Cameras(front=CAMERA.model_copy(update={"source": source, **settings}))
     config = RobotConfig(camera=cameras)
     return Rig("camera", config, "lidar+camera", camera_sources(cameras))
 

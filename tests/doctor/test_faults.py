@@ -25,7 +25,7 @@ from host.drivers.camera import held_controls, v4l2_device
 from host.drivers.computer import Computer, Readings
 from host.drivers.serial_port import open_port
 from host.geometry import wrap
-from host.messages import Bearings
+from host.messages import Bearings, FloatArray
 from host.simulation.devices.board import STAND_IN
 from host.simulation.devices.natnet_server import CLOCK_HZ, NatNetServer
 from host.simulation.live import LiveSimulation
@@ -49,11 +49,27 @@ def frozen(number: int) -> bytes:
     return benches.picture(0)
 
 
-def clock_jump(bench: Bench) -> Rig:
-    server = bench.enter(NatNetServer(benches.one_body, 50.0))
-    ticks, jump = server.ticks, time.monotonic() + 6.0
-    server.ticks = lambda at: ticks(at) + 3600 * CLOCK_HZ * (time.monotonic() > jump)
-    return benches.mocap_rig(server)
+def clock_jump(seconds: int) -> Make:
+    def make(bench: Bench) -> Rig:
+        server = bench.enter(NatNetServer(benches.one_body, 50.0))
+        ticks, jump = server.ticks, time.monotonic() + 6.0
+        server.ticks = lambda at: ticks(at) + seconds * CLOCK_HZ * (time.monotonic() > jump)
+        return benches.mocap_rig(server)
+
+    return make
+
+
+def another_body(bench: Bench) -> Rig:
+    server = NatNetServer(lambda time: (np.array([7]), np.array([[1.0, 2.0, 0.5]])), 50.0)
+    return benches.mocap_rig(bench.enter(server))
+
+
+def slow_camera(bench: Bench) -> Rig:
+    return benches.camera_rig(bench.feed(benches.picture, 5.0), rate_hz=30.0)
+
+
+def half_covered(times: FloatArray, raw_angles: FloatArray) -> FloatArray:
+    return np.where(raw_angles > np.pi, 0.0, benches.room(times, raw_angles))
 
 
 def mocap_elsewhere(bench: Bench) -> Rig:
@@ -151,6 +167,27 @@ FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
         "something covers the window",
         "look at the lidar's window there",
     ),
+    "half covered": (
+        lidar(sense=half_covered),
+        "lidar",
+        Level.FAIL,
+        "something covers the window",
+        "look at the lidar's window there",
+    ),
+    "lost packets": (
+        lidar(lost_share=0.2),
+        "lidar",
+        Level.FAIL,
+        "packets are lost on the way",
+        "use no USB hub without a supply of its own",
+    ),
+    "board on the lidar's port": (
+        lambda bench: benches.lidar_rig(bench.plug(benches.board())),
+        "lidar",
+        Level.FAIL,
+        "not as a YDLidar X4 does",
+        "check that the port is the lidar's",
+    ),
     "dead laser": (
         lidar(laser_fires=False),
         "lidar",
@@ -179,6 +216,27 @@ FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
         "counts 2 edges in each of 960 periods",
         "set counts_per_turn = 1920",
     ),
+    "board for another motor": (
+        lambda bench: benches.board_rig(bench.plug(benches.board()), counts_per_turn=1000),
+        "board",
+        Level.WARN,
+        "but counts_per_turn is 1000",
+        "set periods_per_turn",
+    ),
+    "slow camera": (
+        slow_camera,
+        "front camera",
+        Level.FAIL,
+        " of 30 pictures/s",
+        "set rate_hz to what comes",
+    ),
+    "black pictures": (
+        camera(lambda number: benches.picture(number, 0.02)),
+        "front camera",
+        Level.FAIL,
+        "the pictures are black",
+        "uncover the lens",
+    ),
     "frozen camera": (camera(frozen), "front camera", Level.FAIL, "frozen", "unplug the camera"),
     "dim camera": (
         camera(lambda number: benches.picture(number, 0.25)),
@@ -202,11 +260,25 @@ FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
         'set server = "127.0.0.2"',
     ),
     "clock jump": (
-        clock_jump,
+        clock_jump(3600),
         "motion capture",
         Level.WARN,
-        "its clock jumped",
+        "its clock jumped once",
         "restart Motive",
+    ),
+    "clock jump backwards": (
+        clock_jump(-3600),
+        "motion capture",
+        Level.WARN,
+        "its clock jumped once",
+        "restart Motive",
+    ),
+    "the robot's body has another number": (
+        another_body,
+        "motion capture",
+        Level.WARN,
+        "number 1, is not tracked; tracked: 7",
+        "set body in [mocap]",
     ),
 }
 
@@ -303,6 +375,15 @@ def test_a_slow_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert (found.part, found.level) == ("disk", Level.WARN)
     assert "slow" in found.what
     assert "another card or disk" in found.next_step
+
+    def full(handle: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(disk.os, "fsync", full)
+    no_room = disk.measure(tmp_path)
+    assert no_room.level == Level.FAIL
+    assert "No space left" in no_room.what
+    assert "delete what is not needed" in no_room.next_step
     gone = disk.measure(tmp_path / "absent")
     assert gone.level == Level.FAIL
     assert "--record" in gone.next_step

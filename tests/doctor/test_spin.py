@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from host.config import Motors, RobotConfig
+from host.doctor.delays import sensor_delays
 from host.doctor.findings import Finding, Level
+from host.doctor.lidar_motion import LidarMotion
 from host.doctor.spin import Spin
 from host.doctor.watching import Watched
 from host.doctor.wheels import WheelTest, diagnose
@@ -15,11 +17,13 @@ from host.drivers.romeo.differential_drive import wheel_speeds
 from host.drivers.romeo.session import BoardSession
 from host.drivers.x4.commands import SCAN
 from host.drivers.x4.protocol import ScanDecoder
-from host.messages import Scan
+from host.geometry import wrap
+from host.messages import Bearings, Displacement, Scan
 from tests.doctor.benches import x4
 from tests.doctor.driven import DrivenRobot, Wiring
 
 LEFT, RIGHT = 0, 1
+NOTHING_SEEN = LidarMotion(np.zeros(0), np.zeros((0, 3)))
 # Words of each finding and of its next step, and what is to be written.
 Said = list[tuple[str, str]]
 WIRINGS: dict[str, tuple[Wiring, Said, dict[str, bool]]] = {
@@ -45,6 +49,11 @@ WIRINGS: dict[str, tuple[Wiring, Said, dict[str, bool]]] = {
             ),
         ],
         {"motors.left_reversed": True},
+    ),
+    "dead motor": (
+        Wiring(motor=(0, 1)),
+        [("the left wheel was driven; nothing moved", "the leads of the left motor")],
+        {},
     ),
     "exchanged wheels": (
         Wiring(drives=(1, 0), counts=(1, 0)),
@@ -141,6 +150,7 @@ def test_a_lidar_that_could_not_follow_decides_nothing() -> None:
         ((0.1, 0.0), (0.0, 0.1), "the sides are exchanged", "exchange both plugs"),
         ((0.0, 0.1), (0.0, 0.1), "the motors' leads are exchanged", "plugs of the two motors"),
         ((0.0, 0.1), (0.1, 0.0), "the encoders are exchanged", "leads of the two encoders"),
+        ((0.1, 0.0), (0.0, -0.1), "as if the lidar looked the other way", "heading_rad of [lidar]"),
         ((0.0, 0.0), (0.0, 0.0), "nothing moved, and no encoder counted", "7.5 V at M_VIN"),
         ((-0.1, 0.0), (0.0, 0.0), "counted backward", "toggle left_encoder_reversed"),
         ((-0.1, 0.0), None, "counted backward", "backward, toggle left_reversed"),
@@ -176,3 +186,32 @@ def test_settings_that_are_written_make_it_right(
     assert again.ok
     for key, value in changes.items():
         assert value != getattr(before, key.partition(".")[2])
+
+
+@pytest.mark.parametrize("delay", [-0.06, 0.0, 0.12, 0.2])
+def test_a_camera_that_is_late_is_named_by_how_teammates_move_in_its_pictures(
+    delay: float,
+) -> None:
+    """Teammates that walk while the robot rotates to both sides, found in four of five pictures."""
+    random = np.random.default_rng(7)
+    times = np.arange(0.0, 12.0, 0.02)
+    rates = np.where((times > 1) & (times < 4.5), 1.0, 0.0) - ((times > 6) & (times < 9.5))
+    headings = np.cumsum(rates) * 0.02
+    watched = Watched()
+    for at, before, heading in zip(times, [0.0, *headings], headings, strict=False):
+        watched.take(Displacement(at, 0.02, 0.0, 0.0, heading - before))
+    for taken in np.arange(0.5, 11.5, 0.1):
+        directions = np.array([0.4, 1.9, -1.2]) + np.array([0.1, -0.15, 0.05]) * taken
+        seen = wrap(directions - np.interp(taken, times, headings))
+        seen = (seen + random.normal(0.0, 0.01, 3))[random.random(3) < 0.8]
+        watched.take(
+            Bearings(taken + delay, seen, np.full(len(seen), 1e-4), (0.0, 0.0), (0.0, 6.3),
+                     camera="front")
+        )  # fmt: skip
+    (found,) = sensor_delays(watched, NOTHING_SEEN, (0.0, 13.0), 1)
+    assert found.part == "front camera"
+    (late,) = re.findall(r"(\d+) ms (?:late|early)", found.what)
+    assert int(late) == pytest.approx(1e3 * abs(delay), abs=15)
+    assert (found.level == Level.OK) == (abs(delay) < 0.08)
+    assert found.level == Level.OK or "swarmloc calibrate camera" in found.next_step
+    assert ("late" in found.what) == (delay > 0.0) or abs(delay) < 0.01

@@ -190,3 +190,16 @@ def test_simulated_lidars_are_well(name: str) -> None:
             if message.time >= next_s:
                 next_s += 1.0
                 assert liveness.fault(message.time, samples) is None
+
+
+def test_what_waited_while_the_host_was_busy_is_no_other_model() -> None:
+    """5000 samples/s, of which those of half a second wait, again and again."""
+    liveness, samples, read = Liveness(BARE), 0, 0
+    for points in room(13.0):
+        times = (samples + np.arange(len(points))) / 5000.0
+        samples += len(points)
+        liveness.add(Scan(times[-1], times, points[:, 0], points[:, 1]), 7.1)
+        if times[-1] % 3.0 > 0.5:
+            read = samples
+        fault = liveness.fault(float(times[-1]), read)
+        assert fault is None or "only" in fault.what
