@@ -12,12 +12,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from host.config import Ceiling
 from host.errors import UserError
 from host.geometry import wrap
-from host.messages import Bodies, FloatArray, Image
+from host.messages import Bodies, FloatArray, Image, IntArray
 from host.perception.lens import View
 
 _Detect = Callable[[Image], tuple[Sequence[Any], Any, Any]]
@@ -49,12 +48,11 @@ class TagFinder:
         A body's heading is the direction in which its tag's upper edge, as printed, runs to the
         right. Tags of a wrong size and numbers seen twice are left out and counted.
         """
-        quads, numbers, _ = self._detect(grey)
-        if numbers is None or not len(numbers):
-            return Bodies(time, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
-        identities = np.asarray(numbers, dtype=np.int64).ravel()
-        pixels = np.asarray(quads, dtype=float).reshape(-1, 2)
-        corners = self.on_floor(pixels).reshape(-1, 4, 2) @ np.array([1.0, 1.0j])
+        identities, pixels = self.corners(grey)
+        if not len(identities):
+            return Bodies(time, identities, np.zeros((0, 3)))
+        places = self.on_floor(pixels.reshape(-1, 2)).reshape(-1, 4, 2)
+        corners = places @ np.array([1.0, 1.0j])
         sides = np.abs(np.roll(corners, -1, axis=1) - corners)
         self.side_m = float(np.median(sides))
         whole = np.all(np.abs(sides / self._config.tag_m - 1.0) <= _SIZE_TOLERANCE, axis=1)
@@ -64,29 +62,52 @@ class TagFinder:
         self.counts["doubled"] += int(np.sum(whole & ~good))
         self.counts["tags"] += int(np.sum(good))
         order = np.flatnonzero(good)[np.argsort(identities[good])]
-        return Bodies(time, identities[order], _poses(corners[order]))
+        return Bodies(time, identities[order], squares(places[order]))
+
+    def corners(self, grey: Image) -> tuple[IntArray, FloatArray]:
+        """Numbers (n,) of the tags in a picture, and where their corners (n, 4, 2) px are.
+
+        Upper left, upper right, lower right, lower left, as printed.
+        """
+        quads, numbers, _ = self._detect(grey)
+        if numbers is None or not len(numbers):
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
+        identities = np.asarray(numbers, dtype=np.int64).ravel()
+        return identities, np.asarray(quads, dtype=float).reshape(-1, 4, 2)
 
     def on_floor(self, pixels: FloatArray) -> FloatArray:
         """Where the rays of `pixels` (n, 2) meet the plane of the tags: (n, 2) m on the floor.
 
         nan where they do not, because they run level, or away from it.
         """
-        rays = self._view.directions_of(pixels)
-        drop = self._config.tag_height_m - self._view.origin[2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = drop / rays[:, 2]
+        return on_plane(self._view, pixels, self._config.tag_height_m)
+
+
+def on_plane(view: View, pixels: FloatArray, height_m: float) -> FloatArray:
+    """Where the rays of `pixels` (n, 2) meet the plane at a height: (n, 2) m; nan where nowhere."""
+    rays = view.directions_of(pixels)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (height_m - view.origin[2]) / rays[:, 2]
         along = np.where(along > 0.0, along, math.nan)
-        return np.asarray(self._view.origin[:2] + along[:, None] * rays[:, :2])
+    return np.asarray(view.origin[:2] + along[:, None] * rays[:, :2])
 
 
-def _poses(corners: NDArray[np.complex128]) -> FloatArray:
-    """Poses (n, 3) of the squares that fit corners (n, 4) best (Umeyama 1991, in the plane).
+def squares(places: FloatArray) -> FloatArray:
+    """Poses (n, 3) of the squares that fit corners (n, 4, 2) best (Umeyama 1991, in the plane).
 
     With complex numbers for points the rotation is the angle of their correlation.
     """
+    corners = places @ np.array([1.0, 1.0j])
     middle = corners.mean(axis=1)
     heading = wrap(np.angle(corners @ _SQUARE.conj()))
     return np.stack((middle.real, middle.imag, heading), axis=1)
+
+
+def square_at(poses: FloatArray, side_m: float) -> FloatArray:
+    """Corners (n, 4, 2) m of squares at poses (n, 3): the way back of `squares`."""
+    x, y, heading = poses.T
+    corners = (x + 1j * y)[:, None] + 0.5 * side_m * np.exp(1j * heading)[:, None] * _SQUARE
+    return np.stack((corners.real, corners.imag), axis=-1)
 
 
 def _detector(dictionary: str) -> _Detect:

@@ -26,6 +26,7 @@ _CURVE_S, _CURVES, _LEAST_CURVED = 0.5, (0.08, 0.75), 0.2  # of `Coverage.curved
 _RADIUS_VARIES, _TRACK_VARIES = 0.0005, 0.002  # std between kinds of paths, relative ...
 _ALIKE = 1.3  # ... and so many times more where all curves are alike
 _VAGUE = 0.4  # sigma of a noise, as a share of it
+LAG = "odometry's lag behind motion capture"
 KEYS = ("wheels.left_radius_m", "wheels.right_radius_m", "wheels.track_m", *BODY)
 _NOISES = (
     ("distance_noise_m", "noise of the way after 1 m", "mm"),
@@ -128,7 +129,7 @@ def value_rows(
     share = np.full(len(lags), 1.0 / len(lags))
     lag = Fitted(
         key="",
-        name="odometry's lag behind motion capture",
+        name=LAG,
         value=float(lags.mean()),
         sigma=math.sqrt(share @ found.covariance[LAGS, LAGS] @ share),
         unbounded="the lag is the recording's own, and not written",

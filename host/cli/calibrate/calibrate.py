@@ -12,6 +12,7 @@ import click
 
 from host.cli import options
 from host.cli.calibrate import gathering
+from host.cli.calibrate.ceiling import ceiling
 from host.cli.calibrate.checkerboard import board_option, boards_option, lenses
 from host.cli.calibrate.colour import colour
 from host.cli.calibrate.fitting import Fitting, fit_options
@@ -45,6 +46,7 @@ def calibrate() -> None:
     """
 
 
+calibrate.add_command(ceiling)
 calibrate.add_command(colour)
 
 

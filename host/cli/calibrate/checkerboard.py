@@ -65,11 +65,18 @@ def lenses(
     found = {}
     for name, folder in folders.items():
         camera: Camera = getattr(cameras, name)
-        found[name] = fit_lens(_views(folder, board, camera), camera)
-        click.echo(
-            f"{name} camera: lens fitted to {len(found[name].errors)} pictures, rms "
-            f"{found[name].rms_px:.2f} px"
-        )
+        found[name] = lens_of(f"{name} camera", folder, board, camera)
+    return found
+
+
+def lens_of(name: str, folder: Path, board: tuple[int, int, float], camera: Camera) -> LensFit:
+    """The lens of one camera by the pictures in a folder, reported on the screen.
+
+    Raises UserError where they do not determine it.
+    """
+    found = fit_lens(_views(folder, board, camera), camera)
+    pictures = len(found.errors)
+    click.echo(f"{name}: lens fitted to {pictures} pictures, rms {found.rms_px:.2f} px")
     return found
 
 
