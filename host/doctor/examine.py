@@ -7,6 +7,7 @@ from pathlib import Path
 from host.config import RobotConfig
 from host.cross_checks.checks import DEVICE
 from host.doctor import disk
+from host.doctor.colours import StripPictures
 from host.doctor.counted import too_often
 from host.doctor.findings import Finding, Level, failed, of_health
 from host.doctor.mountings import cameras_against_lidar
@@ -43,9 +44,10 @@ def examine(
     spin: drives the wheels once the rest is watched; None: they stand.
     """
     disk_speed = disk.measure(folder)  # alone: nothing else is to wait for it
-    more = {COMPUTER: computer}
+    more, pictures = {COMPUTER: computer}, StripPictures(rig.cameras)
     watched = watch(rig, more, seconds, spin.run if spin else None, progress)
     found, settings = spin.findings(watched) if spin else ([], {})
+    found += pictures.findings(rig.config.camera)
     found = _sorted([*findings_of(watched, rig.config), *found])
     return Examined([*found, *_absent(rig), disk_speed], settings)
 

@@ -1,0 +1,54 @@
+"""Strips whose colour moved away from the calibrated one, in pictures drawn for it."""
+
+import colorsys
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from host.config import Cameras, RobotConfig, Strip
+from host.doctor.colours import StripPictures
+from host.doctor.findings import Finding, Level
+from host.messages import Bearings
+
+SMALL = {"width_px": 640, "height_px": 360, "focal_px": 203.7}
+PLACES = np.array([[200.0, 180.0], [420.0, 170.0]])
+
+
+def picture(hue_deg: float, seed: int) -> bytes:
+    """Two strips of a hue before a grey and wooden room, with noise."""
+    random = np.random.default_rng(seed)
+    image = np.full((360, 640, 3), (110.0, 120.0, 125.0))
+    image[220:] = (60.0, 110.0, 160.0)
+    red, green, blue = colorsys.hsv_to_rgb(hue_deg % 360.0 / 360.0, 0.85, 0.8)
+    for x, y in PLACES.astype(int):
+        image[y - 8 : y + 8, x - 10 : x + 10] = 255.0 * np.array([blue, green, red])
+    noisy = np.clip(image + random.normal(0.0, 5.0, image.shape), 0, 255).astype(np.uint8)
+    return bytes(cv2.imencode(".jpg", noisy)[1])
+
+
+def judged(hue_deg: float, strip: Strip) -> list[Finding]:
+    base = RobotConfig().camera
+    cameras = Cameras(front=base.front.model_copy(update=SMALL), strip=strip)
+    pictures = StripPictures([])
+    for number in range(4):
+        seen = Bearings(float(number), np.zeros(2), np.ones(2), camera="front", pixels=PLACES)
+        pictures.keep(picture(hue_deg, number), seen)
+    return pictures.findings(cameras)
+
+
+@pytest.mark.parametrize("calibrated", [0.0, 8.0, 230.0])
+@pytest.mark.parametrize("off", [-15.0, -5.0, 0.0, 6.0, 16.0])
+def test_a_colour_near_the_end_of_its_range_is_named(calibrated: float, off: float) -> None:
+    strip = Strip(pattern="one_colour", hue_deg=calibrated, hue_width_deg=40.0)
+    (finding,) = judged(calibrated + off, strip)
+    assert finding.part == "front camera"
+    assert finding.level == (Level.WARN if abs(off) > 10.0 else Level.OK)
+    (said,) = re.findall(r"(\d+) deg off", finding.what)
+    assert int(said) == pytest.approx(abs(off), abs=4)
+    assert finding.level == Level.OK or "swarmloc calibrate colour" in finding.next_step
+
+
+def test_strips_of_two_colours_have_no_calibrated_one() -> None:
+    assert judged(0.0, Strip()) == []
