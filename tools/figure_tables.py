@@ -18,6 +18,7 @@ from host.experiments.intervals import Mean, Summary, mean, summaries
 from host.experiments.trials import Record, Trial
 from host.registry import FILTERS
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
+from tools.ablation import WITHOUT
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results.jsonl"
@@ -32,6 +33,13 @@ FAULTS = {
     "lidar: 20 % garbage": ",lidar_garbage=0.2",
     "both": ",camera_false=5,lidar_garbage=0.2",
     "camera dead from 20 to 40 s": ",camera_dead=20-40",
+}
+LAYOUTS = {  # of the ablation; no other table has these sources
+    "arena4:seconds=45": "arena4",
+    "swarm20:seconds=45": "swarm20",
+    "furnished6:seconds=45": "furnished6",
+    "arena4:seconds=45,pair_m=0.2": "pair",
+    "arena4:seconds=45,lidar_garbage=0.2": "20 % garbage",
 }
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n)(.*?)(<!-- end of table -->)", re.DOTALL)
 
@@ -173,6 +181,28 @@ def _thesis(records: Sequence[Record]) -> Lines:
     return _markdown(["measure", "sensors", "published", *names], rows)
 
 
+def _ablation(records: Sequence[Record]) -> Lines:
+    """How much more GOSPA costs without each model, %: the mean over the seeds, each by itself."""
+    gospa: dict[tuple[str, str], dict[str, dict[str, float]]] = defaultdict(
+        lambda: defaultdict(dict)
+    )
+    for record in records:
+        column = trials.without_seed(record["source"]), record["sensors"]
+        gospa[column][record["filter"]][record["source"]] = record["gospa_m"]
+    columns = [(layout, layout_sensors) for layout in LAYOUTS for layout_sensors in SENSORS]
+    columns += [column for column in gospa if column[0].startswith(DATASET)]
+    rows = []
+    for words, (name, _) in WITHOUT.items():
+        cells = []
+        for column in columns:
+            whole, without = gospa[column]["pmb"], gospa[column][name]
+            more = [100.0 * (without[source] / whole[source] - 1.0) for source in without]
+            cells.append(_interval(mean(more), 0))
+        rows.append([words, *cells])
+    header = [f"{LAYOUTS.get(layout, 'MR.CLAM 6')}, {kind}" for layout, kind in columns]
+    return _markdown(["without", *header], rows)
+
+
 TABLES = {
     "evaluation": Table(
         ("arena4:seconds=120", "swarm20:seconds=120"), COMPARED, SENSORS, _evaluation
@@ -194,5 +224,12 @@ TABLES = {
         SENSORS,
         _thesis,
         SEEDS[:3],
+    ),
+    "ablation": Table(
+        (*LAYOUTS, f"{DATASET},landmarks=clutter"),
+        ("pmb", *(name for name, _ in WITHOUT.values())),
+        SENSORS,
+        _ablation,
+        SEEDS[:5],
     ),
 }

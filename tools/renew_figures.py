@@ -55,7 +55,7 @@ def run(trials: Sequence[Trial], records: Records) -> None:
             length=size, label="trials", item_show_func=lambda done: done or "", file=sys.stderr
         ) as bar,
     ):
-        sweep(trials, records, lambda done: bar.update(1, done))
+        sweep(trials, records, lambda done: bar.update(1, done), plugins=["tools.ablation"])
 
 
 def only_newest(records: Sequence[Record]) -> list[Record]:

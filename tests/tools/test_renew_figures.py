@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from host.config import RobotConfig
+from host.estimator.profiles import filter_entry
 from tools import draw_faults, figure_tables, renew_figures
 from tools.figure_tables import RESULTS, ROOT, TABLES, Table
 
@@ -72,6 +74,30 @@ def test_a_cell_is_the_mean_over_seeds_with_its_interval_and_the_best_is_bold():
         phd == f"| arena4 | lidar | phd | **{cell}** | 0.25 | 0.25 | 25.0 % | 0.2 | 0.250 | 2.00 |"
     )
     assert [line.count("**") for line in lines] == [0, 0, 0, 2, 0]
+
+
+def test_the_ablation_compares_each_seed_with_itself():
+    table, (name, *_) = TABLES["ablation"], TABLES["ablation"].filters[1:]
+    seeds = table.seeds[:3]
+    records = [
+        a_record(f"{source},seed={seed}", each, sensors, gospa_m=0.01 * seed * factor(seed))
+        for source in figure_tables.LAYOUTS
+        for sensors in figure_tables.SENSORS
+        for seed in seeds
+        for each, factor in (("pmb", lambda _: 1.0), (name, lambda seed: 1.0 + 0.1 * (seed - 10)))
+    ]
+    line = table.lines(records)[2]
+    low, high = stats.t.interval(0.95, 2, loc=20.0, scale=stats.sem([10.0, 20.0, 30.0]))
+    assert line.split(" | ")[1] == f"{20:.0f} ± {(high - low) / 2:.0f}"
+    assert line.count("20 ± ") == 2 * len(figure_tables.LAYOUTS)
+
+
+def test_every_model_that_is_left_out_changes_the_filter():
+    """So that no row of the table is the whole filter under another name."""
+    made = [filter_entry(name).make(RobotConfig()) for name in TABLES["ablation"].filters]
+    kinds = {(type(each), *(type(part) for part in vars(each).values())) for each in made}
+    by_setting = 2  # obstacle_share, use_ranges: the same parts
+    assert len(kinds) == len(made) - by_setting
 
 
 def test_only_what_stands_between_the_marks_is_rewritten():
