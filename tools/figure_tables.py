@@ -190,7 +190,6 @@ def _ablation(records: Sequence[Record]) -> Lines:
         column = trials.without_seed(record["source"]), record["sensors"]
         gospa[column][record["filter"]][record["source"]] = record["gospa_m"]
     columns = [(layout, layout_sensors) for layout in LAYOUTS for layout_sensors in SENSORS]
-    columns += [column for column in gospa if column[0].startswith(DATASET)]
     rows = []
     for words, (name, _) in WITHOUT.items():
         cells = []
@@ -199,7 +198,7 @@ def _ablation(records: Sequence[Record]) -> Lines:
             more = [100.0 * (without[source] / whole[source] - 1.0) for source in without]
             cells.append(_interval(mean(more), 0))
         rows.append([words, *cells])
-    header = [f"{LAYOUTS.get(layout, 'MR.CLAM 6')}, {kind}" for layout, kind in columns]
+    header = [f"{LAYOUTS[layout]}, {kind}" for layout, kind in columns]
     return _markdown(["without", *header], rows)
 
 
@@ -226,7 +225,7 @@ TABLES = {
         SEEDS[:3],
     ),
     "ablation": Table(
-        (*LAYOUTS, f"{DATASET},landmarks=clutter"),
+        tuple(LAYOUTS),
         ("pmb", *(name for name, _ in WITHOUT.values())),
         SENSORS,
         _ablation,
