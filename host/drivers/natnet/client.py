@@ -126,14 +126,15 @@ class NatNetClient:
         heard = checked = self._clock()
         before = self._totals()
         while not self._stop.is_set():
-            session.ask(link)
-            for packet, source in link.receive(_WAIT_S):
-                if source == link.server:
-                    heard = self._clock()
-                    self._take(session, packet)
-                else:
-                    self._counts["strangers"] += 1
-                    session.stranger = source
+            with self._health.pace.within(_WAIT_S):
+                session.ask(link)
+                for packet, source in link.receive(_WAIT_S):
+                    if source == link.server:
+                        heard = self._clock()
+                        self._take(session, packet)
+                    else:
+                        self._counts["strangers"] += 1
+                        session.stranger = source
             now = self._clock()
             if now - heard > _SILENCE_S:
                 raise UserError(
@@ -143,7 +144,9 @@ class NatNetClient:
                 )
             if now - checked >= _HEALTH_PERIOD_S:
                 totals = self._totals()
-                self._report(*self._judge(session, link, totals - before, now - checked))
+                news = totals - before
+                judged = self._judge(session, link, news, now - checked)
+                self._report(*judged, certain=bool(news["frames"]))
                 checked, before = now, totals
                 session.tracked.clear()
                 session.bodies.clear()
@@ -232,11 +235,10 @@ class NatNetClient:
     def _report_failure(self, error: UserError) -> None:
         self._report(False, str(error))
 
-    def _report(self, ok: bool, reason: str) -> None:
-        """Emit Health at a change of state and once a second."""
-        self._health.report(
-            self._emit, ok, reason, lambda: {**self._counts, **self._decoder.counts}
-        )
+    def _report(self, ok: bool, reason: str, certain: bool = False) -> None:
+        """Emit Health at a change of state and once a second. certain: frames came all the same."""
+        counts = {**self._counts, **self._decoder.counts}
+        self._health.report(self._emit, ok, reason, lambda: counts, certain)
 
 
 def _name(info: ServerInfo) -> str:

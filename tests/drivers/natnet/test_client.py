@@ -114,6 +114,30 @@ def multicast():
             pytest.skip(f"no multicast on the loopback interface: {error}")
 
 
+def test_a_computer_that_stood_still_is_not_taken_for_a_silent_server():
+    """The clock leaps by 4 s while a frame is taken in, as if nothing had run for so long."""
+    leap = [0.0]
+    messages, stop, said = [], threading.Event(), threading.Event()
+
+    def emit(message):
+        messages.append(message)
+        if isinstance(message, Bodies) and not leap[0]:
+            leap[0] = 4.0
+        if isinstance(message, Health) and "too slow" in message.reason:
+            said.set()
+
+    with NatNetServer(Robots()) as server:
+        client = NatNetClient(server.config, lambda: time.monotonic() + leap[0])
+        thread = threading.Thread(target=client.run, args=(emit, stop), daemon=True)
+        thread.start()
+        slow = said.wait(20.0)
+        stop.set()
+        thread.join(10.0)
+    reasons = [each.reason for each in messages if isinstance(each, Health) and not each.ok]
+    assert slow, reasons
+    assert not any("stopped answering" in reason for reason in reasons)
+
+
 @pytest.mark.parametrize("version", [(3, 0), (4, 0), (4, 1)])
 def test_bodies_are_stamped_with_the_middle_of_their_exposure(version):
     robots = Robots()
