@@ -26,7 +26,8 @@ from host.messages import (
 )
 from host.recording.ros.cdr import CdrBuilder, nanoseconds
 
-TRANSFORM_S, ODOMETRY_S, TEAMMATES_S, MARKERS_S = 0.25, 0.5, 0.2, 1.0  # at least, between two
+# At least, between two.
+SCAN_S, TRANSFORM_S, ODOMETRY_S, TEAMMATES_S, MARKERS_S = 0.2, 0.25, 0.5, 0.2, 1.5
 HEALTH_S, BODIES_S = 2.0, 0.1
 BINS = 360  # of a LaserScan
 _BODY_VARIANCE = 1e6  # ROS's way to say that z, roll and pitch are not known
@@ -51,13 +52,12 @@ class Topics:
         self._unix_s = unix_s
         self._path = Path(keep_seconds=1.0)
         self._due: dict[str, float] = {}
-        self._revolution_end = math.nan
 
     def of(self, message: Message) -> Iterator[Published]:
         """What a message publishes; nothing where it is malformed."""
         if fault(message) is not None:
             return
-        if isinstance(message, Scan):
+        if isinstance(message, Scan) and self._is_due("scan", message.time, SCAN_S):
             yield self._scan(message)
         elif isinstance(message, Displacement):
             yield from self._odometry(message)
