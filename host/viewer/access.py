@@ -16,10 +16,14 @@ from urllib.parse import parse_qs, urlsplit
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Rules of a server. port: where it listens; token: "" where none is asked for."""
+    """Rules of a server. port: where it listens; token: "" where none is asked for.
+
+    apps: origins that may read beside the server's own pages.
+    """
 
     port: int
     token: str
+    apps: Sequence[str] = ()
 
     def refusal(self, target: str, host: str | None, origins: Sequence[str]) -> str:
         """Why a request may not pass, in words; "" where it may.
@@ -28,7 +32,7 @@ class Access:
         """
         if not self._is_own_name(host):
             return f"this server is not called {host}"
-        if any(origin != f"http://{host}" for origin in origins):
+        if any(origin not in (f"http://{host}", *self.apps) for origin in origins):
             return "pages from elsewhere may not read this robot"
         given = parse_qs(urlsplit(target).query).get("token", [""])[0]
         if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):

@@ -1,6 +1,7 @@
 """The topics of a recording, live, for the Foxglove app: over its own protocol, by its SDK."""
 
 import time
+from dataclasses import replace
 from types import ModuleType, TracebackType
 from typing import Any, Self
 
@@ -11,8 +12,13 @@ from host.pipeline import Now
 from host.recording.ros.cdr import nanoseconds
 from host.recording.ros.definitions import schema
 from host.recording.ros.topics import Published, Topics
+from host.viewer.access import access
+from host.viewer.addresses import bracketed, listening_socket, reachable
+from host.viewer.gate import Gate, hidden_address
 
 DEFAULT_PORT = 8765  # where the app looks first
+# The app in a browser, and installed. Its SDK's server would let every page in.
+APPS = ("https://app.foxglove.dev", "file://")
 
 
 class FoxgloveServer:
@@ -25,23 +31,29 @@ class FoxgloveServer:
     def __init__(self, config: RobotConfig, address: str, port: int = DEFAULT_PORT) -> None:
         self._sdk = _sdk()
         self._context = self._sdk.Context()
+        hidden = hidden_address()
         try:
+            listening = listening_socket(address, port)
             self._server = self._sdk.start_server(
-                name=f"swarmloc {config.name}", host=address, port=port, context=self._context
+                name=f"swarmloc {config.name}", host=hidden, port=0, context=self._context
             )
-        except (RuntimeError, OSError) as error:
+        except (RuntimeError, OSError, ValueError) as error:
             raise UserError(
-                f"cannot serve Foxglove at {address}:{port}",
-                str(error),
+                f"cannot serve Foxglove at {bracketed(address)}:{port}",
+                getattr(error, "strerror", None) or str(error),
                 "give another address, as --foxglove 127.0.0.1:8766",
             ) from error
-        self.url = f"ws://{address}:{self._server.port}"
+        rules = replace(access(address, listening.getsockname()[1]), apps=APPS)
+        self._gate = Gate(listening, rules, (hidden, self._server.port))
+        token = f"/?token={rules.token}" if rules.token else ""
+        self.url = f"ws://{bracketed(reachable(address))}:{rules.port}{token}"
         self._unix_s = time.time() - time.monotonic()
         self._topics = Topics(config, self._unix_s)
         self._channels: dict[str, Any] = {}
         self._mounting_due = 0.0
 
     def __enter__(self) -> Self:
+        self._gate.__enter__()
         return self
 
     def __exit__(
@@ -51,6 +63,7 @@ class FoxgloveServer:
         traceback: TracebackType | None,
     ) -> None:
         self._server.stop()
+        self._gate.__exit__(kind, error, traceback)
 
     def take(self, message: Message) -> None:
         """Publish a message. Estimates and truth are published for the present, by `look`."""

@@ -6,7 +6,6 @@ ready for one, so a slow reader skips and delays nobody.
 
 import asyncio
 import http
-import ipaddress
 import json
 import socket
 import threading
@@ -24,6 +23,7 @@ from host.errors import UserError
 from host.messages import Bearings, Message
 from host.pipeline import Now
 from host.viewer.access import access
+from host.viewer.addresses import bracketed, listening_socket, reachable
 from host.viewer.channel import Channel
 from host.viewer.page import page
 from host.viewer.scene import Scene, blobs
@@ -61,8 +61,7 @@ class Viewer:
         driven = stick is not None
         self._access = access(address, self._socket.getsockname()[1], driven)
         token = f"/?token={self._access.token}" if self._access.token else "/"
-        shown = _own_address() if ipaddress.ip_address(address).is_unspecified else address
-        self.url = f"http://{_bracketed(shown)}:{self._access.port}{token}"
+        self.url = f"http://{bracketed(reachable(address))}:{self._access.port}{token}"
         self._page = page(driven).encode()
         self._loop = asyncio.new_event_loop()
         of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
@@ -208,28 +207,11 @@ def _path(request: Request) -> str:
 def _listening(address: str, port: int) -> socket.socket:
     """A socket that listens. Raises UserError where there can be none."""
     try:
-        version = ipaddress.ip_address(address).version
-        return socket.create_server(
-            (address, port), family=socket.AF_INET6 if version == 6 else socket.AF_INET
-        )
+        return listening_socket(address, port)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UserError(
-            f"cannot serve the live page at {_bracketed(address)}:{port}",
+            f"cannot serve the live page at {bracketed(address)}:{port}",
             reason,
             "give another one, as --view 127.0.0.1:8080, or --view none",
         ) from error
-
-
-def _bracketed(address: str) -> str:
-    return f"[{address}]" if ":" in address else address
-
-
-def _own_address() -> str:
-    """The address by which the network that leads on knows this computer."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))  # of a network for examples; nothing is sent
-        except OSError:
-            return "127.0.0.1"
-        return str(probe.getsockname()[0])

@@ -1,5 +1,6 @@
 """What a client of Foxglove's protocol gets: the topics of a recording, as ROS 2 messages."""
 
+import contextlib
 import json
 import socket
 import struct
@@ -9,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from host.config import RobotConfig
@@ -79,6 +81,57 @@ def test_a_client_of_its_protocol_gets_the_topics_of_a_recording():
     ranges = found["/scan"][0].ranges
     assert ranges[np.isfinite(ranges)] == pytest.approx([np.sqrt(2.0)], rel=1e-6)
     assert len(found["/teammates/markers"][0].markers) == 2  # an ellipse and its label
+
+
+@pytest.mark.parametrize("origin", [None, "https://app.foxglove.dev", "file://"])
+def test_programs_and_its_app_may_read(origin):
+    with FoxgloveServer(RobotConfig(), "127.0.0.1", 0) as server:
+        assert "serverInfo" in greeting(server.url, origin)
+
+
+@pytest.mark.parametrize(
+    "origin", ["https://evil.example", "null", "http://app.foxglove.dev", "https://foxglove.dev"]
+)
+def test_a_page_from_elsewhere_may_not_read(origin):
+    with FoxgloveServer(RobotConfig(), "127.0.0.1", 0) as server:
+        with pytest.raises(InvalidStatus) as refused:
+            greeting(server.url, origin)
+        assert refused.value.response.status_code == 403
+        with pytest.raises(InvalidStatus):
+            greeting(server.url.replace("127.0.0.1", "localhost.evil.example"), None, server)
+
+
+def greeting(url, origin, server=None):
+    """The first message of a server; with `server`, asked for by the other name in `url`."""
+    there = None
+    if server is not None:
+        port = int(server.url.rpartition(":")[2])
+        there = socket.create_connection(("127.0.0.1", port))
+    with connect(url, origin=origin, subprotocols=["foxglove.sdk.v1"], sock=there) as stream:
+        return stream.recv(timeout=10.0)
+
+
+def test_where_others_reach_it_the_token_is_asked_for():
+    with FoxgloveServer(RobotConfig(), "0.0.0.0", 0) as server:
+        address, _, token = server.url.partition("/?token=")
+        assert len(token) >= 20
+        assert "serverInfo" in greeting(server.url, "https://app.foxglove.dev")
+        for wrong in (address, f"{address}/?token=wrong"):
+            with pytest.raises(InvalidStatus) as refused:
+                greeting(wrong, None)
+            assert refused.value.response.status_code == 403
+
+
+def test_who_sends_no_request_is_let_go_and_the_end_waits_for_nobody():
+    with contextlib.ExitStack() as readers:
+        with FoxgloveServer(RobotConfig(), "127.0.0.1", 0) as server:
+            there = ("127.0.0.1", int(server.url.rpartition(":")[2]))
+            with socket.create_connection(there) as garbage:
+                garbage.sendall(b"hello\r\n\r\n")
+                assert garbage.recv(10) == b""
+            silent = readers.enter_context(socket.create_connection(there))
+            readers.enter_context(connect(server.url, subprotocols=["foxglove.sdk.v1"]))
+        assert silent.recv(10) == b""
 
 
 def test_a_port_that_is_taken_and_an_sdk_that_is_missing_are_told(monkeypatch):
