@@ -29,8 +29,8 @@ def find(path: str | None) -> Any:
         raise UserError(
             "gamepads are read by evdev, which is not installed",
             str(error),
-            "pip install 'swarmloc[gamepad]' (it needs gcc and linux-libc-dev), or apt-get install "
-            "python3-evdev",
+            "pip install 'swarmloc[gamepad]' (on ARM it needs gcc and linux-libc-dev), or apt-get "
+            "install python3-evdev",
         ) from error
     try:
         paths = [path] if path else evdev.list_devices()
