@@ -23,7 +23,8 @@ def overhead_settings(scenario: OverheadScenario) -> IdPhdSettings:
         clutter=max(scenario.clutter, 0.01),
         false_things=scenario.false_things + 1,
         alike=2.0,  # a picture's error of attitude is in all of its readings
-        hypotheses=100,
+        restart=1e-3,
+        hypotheses=300,
     )
 
 
