@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from host.config_cameras import Camera, Cameras, Section, Strip, Text
 from host.config_errors import NOT_REGISTERED, explain_settings, explain_toml
+from host.config_link import LinkSettings
 from host.config_mocap import Ceiling, Mocap, NatNet
 from host.errors import UserError
 from host.registry import BOARDS, FILTERS, LIDARS, Registry
@@ -33,6 +34,7 @@ __all__ = [
     "Ceiling",
     "FilterSettings",
     "Lidar",
+    "LinkSettings",
     "Mocap",
     "Motors",
     "NatNet",
@@ -226,6 +228,7 @@ class RobotConfig(Section):
     camera: Cameras = Cameras()
     filter: FilterSettings = FilterSettings()
     mocap: Mocap = Mocap()
+    link: LinkSettings = LinkSettings()
 
 
 def recorded_config(content: dict[str, Any]) -> RobotConfig:

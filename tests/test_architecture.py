@@ -37,6 +37,7 @@ FLOORS = {
     "config_cameras": 1,
     "config_errors": 1,
     "config_mocap": 1,
+    "config_link": 1,
     "registry": 1,
     "folders": 1,
     "errors": 1,

@@ -22,7 +22,7 @@ def overhead_settings(scenario: OverheadScenario) -> IdPhdSettings:
         area_m2=float(4.0 * reach**2),
         clutter=max(scenario.clutter, 0.01),
         false_things=scenario.false_things + 1,
-        alike=2.0,  # a picture's error of attitude is in all of its readings
+        alike=5.0,  # a picture's error of attitude is in all of its readings
         restart=1e-3,
         hypotheses=300,
     )

@@ -1,0 +1,1 @@
+"""The link between robots: each sends its odometry, signed, to all."""
