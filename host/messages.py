@@ -117,6 +117,18 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Named:
+    """Who a teammate is, by the odometry that it sends: robot `identity`, with `probability`.
+
+    heading (rad): in the robot frame.
+    """
+
+    identity: int
+    probability: float
+    heading: float
+
+
+@dataclass(frozen=True, slots=True)
 class Truth:
     """Where the other robots truly are, in the robot frame at `time`; never given to a filter.
 

@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -26,6 +26,7 @@ from host.messages import (
     Estimate,
     Health,
     Message,
+    Named,
     Positions,
     Scan,
     Truth,
@@ -68,12 +69,14 @@ class Now:
     """What is known at this moment, whenever it was measured.
 
     estimate: predicted to now, so that ages grow and what is not seen any more fades. measured s:
-    the time of the newest reading in it. truth: at the estimate's time, where it is known.
+    the time of the newest reading in it. truth: at the estimate's time, where it is known. names:
+    by label, of the teammates that are heard over the link and recognized.
     """
 
     estimate: Estimate
     measured: float
     truth: Truth | None = None
+    names: Mapping[int, Named] = field(default_factory=dict)
 
 
 def unwatched(now: Now) -> None:

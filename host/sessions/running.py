@@ -7,7 +7,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,6 +22,7 @@ from host.recording.background import BackgroundRecorder
 from host.recording.log import RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
 from host.sources.rig import Rig
+from host.systems.id_phd.naming import Naming
 
 # A thread that wakes waits so long for one that computes; Python's own 5 ms would add up.
 _SWITCH_S = 0.0005
@@ -83,7 +84,11 @@ def run_devices(
         for watcher in shown.values():
             watcher.take(readings)
 
+    naming = None if rig.link is None else Naming(rig.link.heard)
+
     def look(now: Now) -> None:
+        if naming is not None:
+            now = replace(now, names=naming.names(now.estimate))
         for watcher in shown.values():
             watcher.look(now)
 
@@ -98,6 +103,8 @@ def run_devices(
             all_sinks["recording"] = recorder.write
             if rig.record_pictures:
                 _record_pictures(rig, recorder)
+        if rig.link is not None and naming is not None:
+            all_sinks |= {"link": rig.link.take, "naming": naming.take}
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
         stack.enter_context(_short_pauses())
         begin, begin_cpu = time.monotonic(), time.process_time()

@@ -7,6 +7,7 @@ from typing import cast
 
 from host.config import RobotConfig
 from host.drivers.computer import COMPUTER, Computer
+from host.drivers.link.device import LINK, Link
 from host.drivers.natnet.client import MOCAP, NatNetClient
 from host.errors import UserError
 from host.messages import Truth
@@ -25,7 +26,8 @@ class Rig:
     """What a run consists of: the devices, the configuration in effect, and truth if known.
 
     simulated_board: of a simulation, what stands in for the board. contacts: there, who drove
-    against what so far. record_pictures: a recording gets the cameras' pictures, too.
+    against what so far. record_pictures: a recording gets the cameras' pictures, too. link: to
+    the other robots.
     """
 
     title: str
@@ -37,6 +39,7 @@ class Rig:
     truth: Callable[[float], Truth] | None = None
     contacts: Callable[[], Sequence[Contact]] | None = None
     record_pictures: bool = False
+    link: Link | None = None
 
     @property
     def board(self) -> BoardDriver:
@@ -65,8 +68,9 @@ def real_rig(robot: RobotConfig, sensors: str | None) -> Rig:
         )
     sensors = sensors or (LIDAR_AND_CAMERA if found else LIDAR_ONLY)
     drivers, computer = _drivers(robot, sensors), {COMPUTER: Computer()}
-    sources = {**drivers, **found, **_motion_capture(robot), **computer}
-    return Rig(f"robot {robot.name}", robot, sensors, sources)
+    link = Link(robot.link) if robot.link.on else None
+    sources = {**drivers, **found, **_motion_capture(robot), **computer, **_linked(link)}
+    return Rig(f"robot {robot.name}", robot, sensors, sources, link=link)
 
 
 def _drivers(robot: RobotConfig, sensors: str) -> dict[str, Source]:
@@ -103,6 +107,8 @@ def simulated_rig(
     sources = {**_drivers(config, sensors), **_motion_capture(config)}
     if sensors != LIDAR_ONLY:
         sources |= camera_sources(config.camera) if parsed.rendered else {"camera": live.camera}
+    link = Link(config.link) if config.link.on else None
+    sources |= _linked(link)
     title = f"{scenario} (simulated; board: {board.name})"
     return Rig(
         title,
@@ -113,7 +119,12 @@ def simulated_rig(
         board.name,
         live.truth,
         lambda: live.contacts,
+        link=link,
     )
+
+
+def _linked(link: Link | None) -> dict[str, Source]:
+    return {} if link is None else {LINK: link}
 
 
 def _motion_capture(robot: RobotConfig) -> dict[str, Source]:

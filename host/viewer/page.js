@@ -147,11 +147,17 @@ function drawTeammate(each) {
   stroke("teammate", 1.5);
   circle(place, 3); pen.fill();
   pen.globalAlpha = 1;
-  const text = each.label + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m";
+  if (each.name) {
+    const ahead = [each.x + .15 * Math.cos(each.name.heading), each.y + .15 * Math.sin(each.name.heading)];
+    line(place, toPixel(ahead)); stroke("teammate", 2);
+  }
+  const text = called(each) + "  " + Math.hypot(each.x, each.y).toFixed(2) + " m";
   const half = Math.hypot(major * Math.cos(angle), minor * Math.sin(angle)) + 4, width = pen.measureText(text).width;
   const beyond = place[0] + half + width > map.clientWidth && place[0] < map.clientWidth;
   words(text, [place[0] + (beyond ? -half - width : half), place[1] - 4], "ink");
 }
+// A teammate's label or, where it is recognized by the odometry that it sends, who it is.
+function called({label, name}) { return name ? label + " robot " + name.robot + (name.probability > .9 ? "" : "?") : label; }
 function drawRobot() {
   const corners = [[.1, 0], [-.07, .07], [-.04, 0], [-.07, -.07]].map(toPixel);
   pen.beginPath(); corners.forEach((corner, k) => pen[k ? "lineTo" : "moveTo"](...corner)); pen.closePath();
@@ -179,7 +185,7 @@ function tell() {
     const row = rows.rows[k] || rows.insertRow();
     row.className = each.age > OLD_S ? "old" : "";
     const sigma = 1000 * Math.hypot(...each.sigmas) / Math.SQRT2;
-    const cells = [each.label, Math.hypot(each.x, each.y).toFixed(2), (Math.atan2(each.y, each.x) * 180 / Math.PI).toFixed(0),
+    const cells = [called(each), Math.hypot(each.x, each.y).toFixed(2), (Math.atan2(each.y, each.x) * 180 / Math.PI).toFixed(0),
       sigma.toFixed(0), each.weight.toFixed(2), each.age.toFixed(1)];
     if (scene.truth) cells.push(error(each));
     while (row.cells.length > cells.length) row.deleteCell(-1);

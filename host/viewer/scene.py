@@ -1,7 +1,7 @@
 """What a watcher is told: one JSON message that says all that is known now (docs/stream.md)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -17,6 +17,7 @@ from host.messages import (
     FloatArray,
     Health,
     Message,
+    Named,
     Positions,
     Scan,
     Truth,
@@ -84,7 +85,7 @@ class Scene:
             "robot": self._config.name,
             "filter": self._filter_name,
             "pose": {"x": _figure(x), "y": _figure(y), "heading": _figure(wrap(heading))},
-            "estimates": _estimates(now.estimate),
+            "estimates": _estimates(now.estimate, now.names),
             "obstacles": [{"x": _figure(x), "y": _figure(y)} for x, y in now.estimate.obstacles],
             "truth": None if now.truth is None else _truth(now.truth),
             "scan": self._scan_at(path, time),
@@ -161,7 +162,7 @@ def ellipse(covariance: FloatArray) -> tuple[float, float, float]:
     return float(major), float(minor), math.atan2(vectors[1, 1], vectors[0, 1])
 
 
-def _estimates(estimate: Estimate) -> list[dict[str, Any]]:
+def _estimates(estimate: Estimate, names: Mapping[int, Named]) -> list[dict[str, Any]]:
     rows = []
     for k, (x, y) in enumerate(estimate.positions):
         major, minor, angle = ellipse(estimate.covariances[k])
@@ -181,9 +182,20 @@ def _estimates(estimate: Estimate) -> list[dict[str, Any]]:
                 "angle": _figure(angle),
                 "weight": _figure(estimate.weights[k]),
                 "age": _figure(estimate.ages[k]),
+                "name": _name(names.get(int(estimate.labels[k]))),
             }
         )
     return rows
+
+
+def _name(named: Named | None) -> dict[str, Any] | None:
+    if named is None:
+        return None
+    return {
+        "robot": named.identity,
+        "probability": _figure(named.probability),
+        "heading": _figure(named.heading),
+    }
 
 
 def _truth(truth: Truth) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ What differs from the paper, and why:
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -31,7 +31,6 @@ from host.systems.id_phd.association import (
 from host.systems.id_phd.poses import Poses, born, log_likelihoods, moved, seen_after
 from host.systems.id_phd.settings import IdPhdSettings
 from host.systems.id_phd.tracks import (
-    Tracks,
     after_frame,
     merged,
     no_tracks,
@@ -82,6 +81,19 @@ class IdPhd:
             self._hypotheses = Hypotheses(tracks, self._hypotheses.log_weights)
         self._paths[identity].append(step)
 
+    def forget(self, identity: int) -> None:
+        """Robot `identity` has left, or its odometry begins anew."""
+        if identity not in self.identities:
+            return
+        row = self._settings.false_things + self.identities.index(identity)
+        self.identities.remove(identity)
+        del self._paths[identity]
+        self._reached.pop(identity, None)
+        tracks = np.delete(self._hypotheses.tracks, row, axis=1)
+        self._hypotheses = Hypotheses(tracks, self._hypotheses.log_weights)
+        self._tracks = replace(self._tracks, tags=self._tracks.tags - (self._tracks.tags > row))
+        self._join(np.arange(len(self._tracks)))
+
     def update(self, readings: Positions) -> None:
         """Take in a frame of anonymous positions; one without any says who is not there."""
         self._leave_silent(readings.time)
@@ -122,7 +134,7 @@ class IdPhd:
         tracks, own = self._tracks, self._new_motion(_OWN, time)
         by_component = np.array(steps).reshape(-1, 5)[tracks.tags[tracks.of]]
         poses = seen_after(moved(tracks.poses, by_component), own)
-        self._tracks = Tracks(tracks.tags, tracks.of, poses, tracks.log_weights)
+        self._tracks = replace(tracks, poses=poses)
 
     def _new_motion(self, robot: int | None, time: float) -> Displacement:
         """What is new of a robot's motion up to `time`; what is late counts once it is there."""
@@ -221,19 +233,8 @@ class IdPhd:
     def _leave_silent(self, time: float) -> None:
         """Robots that have sent no odometry for long have left."""
         for identity in list(self.identities):
-            if self._paths[identity].end > time - self._settings.silent_s:
-                continue
-            row = self._settings.false_things + self.identities.index(identity)
-            self.identities.remove(identity)
-            del self._paths[identity]
-            self._reached.pop(identity, None)
-            hypotheses = self._hypotheses
-            hypotheses = Hypotheses(np.delete(hypotheses.tracks, row, 1), hypotheses.log_weights)
-            tags = self._tracks.tags - (self._tracks.tags > row)
-            tracks = self._tracks
-            self._tracks = Tracks(tags, tracks.of, tracks.poses, tracks.log_weights)
-            self._hypotheses = hypotheses
-            self._join(np.arange(len(tags)))
+            if self._paths[identity].end <= time - self._settings.silent_s:
+                self.forget(identity)
 
     def _join(self, names: IntArray) -> None:
         """Name tracks anew; hypotheses that then say the same become one, unused tracks go."""

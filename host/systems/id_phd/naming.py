@@ -1,0 +1,105 @@
+"""Names for what the anonymous filter has found, live: by the odometry that comes over the link."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from host.drivers.link.protocol import Heard
+from host.geometry import Path, wrap
+from host.messages import Displacement, Estimate, FloatArray, Message, Named, Positions
+from host.systems.id_phd.id_phd import Belief, IdPhd
+from host.systems.id_phd.settings import IdPhdSettings
+
+# Estimates of successive moments share nearly all of their readings.
+SETTINGS = IdPhdSettings(
+    detection=0.8,
+    reach_m=2.5,
+    clutter=0.05,
+    restart=2e-3,
+    alike=5.0,
+    gain_sigmas=(0.03, 0.05, 0.03),
+    hypotheses=150,
+)
+_EVERY_S = 0.2
+_WAIT_S = 0.3  # for odometry that is on its way
+_SEEN_S = 0.5  # an estimate without a reading for so long says nothing of where its robot is
+_LEAST_VARIANCE = 1e-4  # m²: a teammate's turret is not exactly above its wheels
+_OWN_M = 0.15  # a belief nearer than this to an estimate is of it
+_LEAST_PROBABILITY = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class _Believed:
+    """What was believed of an estimate at `time`. heading (rad): of then."""
+
+    belief: Belief
+    time: float
+
+
+class Naming:
+    """Not for several threads. heard: returns what came over the link since the last call."""
+
+    def __init__(
+        self, heard: Callable[[], list[Heard]], settings: IdPhdSettings = SETTINGS
+    ) -> None:
+        self._heard = heard
+        self._filter = IdPhd(settings)
+        self._waiting: deque[Estimate] = deque()
+        self._next = 0.0
+        self._believed: dict[int, _Believed] = {}  # by label
+        self._own = Path()
+        self._paths: dict[int, Path] = {}
+
+    def take(self, message: Message) -> None:
+        """Note how this robot itself moves."""
+        if isinstance(message, Displacement):
+            self._own.append(message)
+            self._filter.drive(message)
+
+    def names(self, estimate: Estimate) -> dict[int, Named]:
+        """By label, who the teammates of an estimate are; those that are not known left out."""
+        self._listen()
+        if estimate.time >= self._next:
+            self._next = estimate.time + _EVERY_S
+            self._waiting.append(estimate)
+        while self._waiting and self._waiting[0].time <= estimate.time - _WAIT_S:
+            self._take_in(self._waiting.popleft())
+        return {
+            label: self._named(believed, estimate.time)
+            for label, believed in self._believed.items()
+            if label in estimate.labels
+        }
+
+    def _listen(self) -> None:
+        for heard in self._heard():
+            if heard.restarted:
+                self._filter.forget(heard.robot)
+                self._paths.pop(heard.robot, None)
+            self._paths.setdefault(heard.robot, Path()).append(heard.step)
+            self._filter.hear(heard.robot, heard.step)
+
+    def _take_in(self, estimate: Estimate) -> None:
+        seen = np.flatnonzero(estimate.ages < _SEEN_S)
+        positions = estimate.positions[seen]
+        covariances = estimate.covariances[seen] + _LEAST_VARIANCE * np.eye(2)
+        self._filter.update(Positions(estimate.time, positions, covariances))
+        self._believed = {}
+        for belief in self._filter.beliefs():
+            if belief.probability > _LEAST_PROBABILITY and len(seen):
+                off = positions - belief.pose[:2]
+                distances: FloatArray = np.hypot(off[:, 0], off[:, 1])
+                nearest = int(np.argmin(distances))
+                if distances[nearest] < _OWN_M:
+                    label = int(estimate.labels[seen[nearest]])
+                    self._believed[label] = _Believed(belief, estimate.time)
+
+    def _named(self, believed: _Believed, time: float) -> Named:
+        """The heading carried to `time`: both robots have turned since."""
+        belief = believed.belief
+        path = self._paths.get(belief.identity, Path())
+        turned = path.between(believed.time, time).dpsi
+        turned -= self._own.between(believed.time, time).dpsi
+        heading = float(wrap(belief.pose[2] + turned))
+        return Named(belief.identity, belief.probability, heading)
