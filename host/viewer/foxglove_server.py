@@ -62,8 +62,8 @@ class FoxgloveServer:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self._gate.__exit__(kind, error, traceback)  # first: `stop` waits for who still reads
         self._server.stop()
-        self._gate.__exit__(kind, error, traceback)
 
     def take(self, message: Message) -> None:
         """Publish a message. Estimates and truth are published for the present, by `look`."""

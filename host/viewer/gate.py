@@ -69,10 +69,11 @@ class Gate:
         for task in passing:
             task.cancel()
         await asyncio.gather(*passing, return_exceptions=True)
+        await asyncio.sleep(0.0)  # for the transports to close
 
     async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Let one request pass, or answer why not."""
-        with contextlib.suppress(OSError, TimeoutError, asyncio.IncompleteReadError, ValueError):
+        try:
             head = await asyncio.wait_for(reader.readuntil(2 * _END), _HEAD_S)
             refusal = refused(head, self._access)
             if refusal:
@@ -80,7 +81,10 @@ class Gate:
                 await writer.drain()
             else:
                 await self._pass(head, reader, writer)
-        writer.close()
+        except (OSError, TimeoutError, EOFError, asyncio.LimitOverrunError, ValueError):
+            pass  # it went away, says nothing, or speaks no HTTP
+        finally:
+            writer.close()
 
     async def _pass(
         self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -126,10 +126,10 @@ def test_who_sends_no_request_is_let_go_and_the_end_waits_for_nobody():
     with contextlib.ExitStack() as readers:
         with FoxgloveServer(RobotConfig(), "127.0.0.1", 0) as server:
             there = ("127.0.0.1", int(server.url.rpartition(":")[2]))
-            with socket.create_connection(there) as garbage:
+            with socket.create_connection(there, timeout=10.0) as garbage:
                 garbage.sendall(b"hello\r\n\r\n")
                 assert garbage.recv(10) == b""
-            silent = readers.enter_context(socket.create_connection(there))
+            silent = readers.enter_context(socket.create_connection(there, timeout=10.0))
             readers.enter_context(connect(server.url, subprotocols=["foxglove.sdk.v1"]))
         assert silent.recv(10) == b""
 
