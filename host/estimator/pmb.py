@@ -19,12 +19,7 @@ from host.estimator.gaussians.gaussian_mixture import PXX, PXY, PYY
 from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
 from host.estimator.gaussians.moving_gaussians import X, Y, absorb, summed
 from host.estimator.learnt_lidar import LearntLidar
-from host.estimator.sensor_models import (
-    CameraModel,
-    in_view,
-    surroundings,
-    survival,
-)
+from host.estimator.sensor_models import CameraModel, in_view, surroundings, survival
 from host.estimator.things.association import associate
 from host.estimator.things.pairing import pair_bearings, pair_positions
 from host.estimator.things.static_world import StaticWorld
@@ -41,14 +36,7 @@ from host.estimator.things.thing_modes import (
 )
 from host.estimator.things.things import LABEL, PICTURED, SEEN, VARIANCE, Things
 from host.message_checks import check
-from host.messages import (
-    Bearings,
-    BoolArray,
-    Displacement,
-    Estimate,
-    FloatArray,
-    Positions,
-)
+from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
 _STILL_ONLY = np.eye(MOTIONS)[:, [STILL]]  # the motion of obstacles
 _BELIEVED = 0.5  # from this existence on a thing is taken to be there
@@ -79,10 +67,8 @@ class PmbFilter:
         teammates = 1.0 - self._settings.pmb.obstacle_share
         self._births = StripBirths(camera, self._settings.pmb.appear_per_m2_s * teammates)
         self._width = lidar.target_diameter_m
-        self._things = Things()
-        self._time = 0.0
+        self._things, self._time, self._next_label = Things(), 0.0, 1
         self._scanned, self._learnt = -math.inf, -math.inf
-        self._next_label = 1
 
     def predict(self, motion: Displacement) -> None:
         """Williams 2015 thm. 1: each Bernoulli moves on and survives with p_S."""
@@ -144,9 +130,8 @@ class PmbFilter:
         explained += (found.unclaimed * known.sum(axis=0) / background).sum()
         self._lidar.learn_clutter(m - float(explained), measured.clearance, elapsed)
         new = found.unclaimed / background
-        things.bear(
-            *self._born(measured, noise, new * birth, new * known), measured.time, variances
-        )
+        born = self._born(measured, noise, new * birth, new * known)
+        things.bear(*born, measured.time, variances)
         things.merge_duplicates()
         known_again = (known.sum(axis=0) > 0.5 * background).any()
         if known_again or measured.time - self._learnt >= _LEARN_S:
@@ -154,14 +139,17 @@ class PmbFilter:
 
     def _lidar_detection(self, measured: FloatArray | None) -> FloatArray:
         """P_D (MOTIONS, n) of each thing (Perera eq. 18); measured: the scan's own clearance."""
-        _, _, clearance = self._surroundings(self._things.whole, measured)
-        x, y = self._things.rows[X].ravel(), self._things.rows[Y].ravel()
+        things = self._things
+        clearance = self._surroundings(things.whole, None)[2] if measured is None else measured
+        x, y = things.rows[X].ravel(), things.rows[Y].ravel()
         bearing, distance = np.arctan2(y, x), np.hypot(x, y)
         found = self._lidar.detection(bearing, distance, clearance, measured is not None)
         return found.reshape(MOTIONS, -1)
 
     def _remembered_detection(self, measured: FloatArray | None) -> FloatArray:
         """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance."""
+        if not self._world.rows.shape[1]:
+            return np.zeros(0)
         bearing, distance, clearance = self._surroundings(self._world.rows, measured)
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
@@ -181,8 +169,7 @@ class PmbFilter:
         rows, weights = self._modes.born(
             measured.positions, noise, lags, existence * teammate, existence * obstacle
         )
-        weights[OBSTACLE] += known[0]
-        weights[PARKED] += known[1]
+        weights[[OBSTACLE, PARKED]] += known
         return rows, weights
 
     def _remember_obstacles(self, remembered: FloatArray, now: float) -> None:

@@ -28,9 +28,13 @@ def duplicates(
     first = (seen[i] < seen[j]) | ((seen[i] == seen[j]) & (weights[i] < weights[j]))
     gone = np.where(first, i, j)
     kept = i + j - gone
-    stays = ~np.isin(kept, gone)  # who duplicates one that goes itself is looked at again next time
-    gone, index = np.unique(gone[stays], return_index=True)
-    return gone, kept[stays][index]
+    goes = np.zeros(positions.shape[1], dtype=bool)
+    goes[gone] = True
+    stays = ~goes.take(kept)  # who duplicates one that goes itself is looked at again next time
+    stands_for = np.full(len(goes), -1)
+    stands_for[gone[stays][::-1]] = kept[stays][::-1]  # the first of several stays
+    gone = (stands_for >= 0).nonzero()[0]
+    return gone, stands_for.take(gone)
 
 
 def _pairs_within(positions: FloatArray, reach: float) -> tuple[IntArray, IntArray]:

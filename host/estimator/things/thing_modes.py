@@ -12,6 +12,7 @@ import numpy as np
 
 from host.config import PmbSettings
 from host.estimator.gaussians.moving_gaussians import (
+    PLACE,
     PVXVX,
     PVYVY,
     PXVX,
@@ -152,20 +153,25 @@ class ThingModes:
 
 def by_motion(weights: FloatArray) -> FloatArray:
     """Weights (MOTIONS, n) of the Gaussians, from those of the modes, with or without OBSTACLE."""
-    summed = weights[-MOTIONS:].copy()
-    summed[STILL] = weights[: 1 - MOTIONS].sum(axis=0)
-    return np.asarray(summed)
+    return np.asarray(_IN_MOTION[:, -len(weights) :] @ weights)
 
 
-def mixture(rows: FloatArray, weights: FloatArray) -> FloatArray:
+def moments(rows: FloatArray) -> FloatArray:
+    """First and second moments of positions (5, MOTIONS, n), for `mixture`: x, y, xx, xy, yy."""
+    places = rows.take(PLACE, axis=0)
+    places[2:] += places.take((0, 0, 1), axis=0) * places.take((0, 1, 1), axis=0)
+    return np.asarray(places)
+
+
+def mixture(of_motions: FloatArray, weights: FloatArray) -> FloatArray:
     """Position of the mixture over all motions: (6, n), rows as in `gaussian_mixture`.
 
-    weights (MOTIONS, n).
+    of_motions: their `moments` (5, MOTIONS, n). weights (MOTIONS, n).
     """
     total = weights.sum(axis=0)
+    mixed = np.empty((6, len(total)))
     shares = weights / np.maximum(total, 1e-300)
-    positions = rows[: Y + 1]
-    mean = (shares * positions).sum(axis=1)
-    off = positions - mean[:, None]
-    spread = rows[PXX : PYY + 1] + off.take((0, 0, 1), axis=0) * off.take((0, 1, 1), axis=0)
-    return np.concatenate((mean, (shares * spread).sum(axis=1), total[None]))
+    np.einsum("rkn,kn->rn", of_motions, shares, out=mixed[:5])
+    mixed[2:5] -= mixed.take((0, 0, 1), axis=0) * mixed.take((0, 1, 1), axis=0)
+    mixed[5] = total
+    return mixed

@@ -14,7 +14,15 @@ from host.estimator.gaussians.duplicates import duplicates
 from host.estimator.gaussians.gaussian_mixture import ROWS as MIXTURE_ROWS
 from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
 from host.estimator.gaussians.moving_gaussians import PLACE, ROWS, Y
-from host.estimator.things.thing_modes import MODES, MOTIONS, STILL, TEAMMATE, by_motion, mixture
+from host.estimator.things.thing_modes import (
+    MODES,
+    MOTIONS,
+    STILL,
+    TEAMMATE,
+    by_motion,
+    mixture,
+    moments,
+)
 from host.messages import FloatArray, IntArray
 
 SEEN, VARIANCE, PICTURED, LABEL = range(4)
@@ -29,6 +37,7 @@ class Things:
     def __init__(self) -> None:
         self.rows, self.weights = np.zeros((ROWS, MOTIONS, 0)), np.zeros((MODES, 0))
         self.tracks = np.zeros((4, 0))
+        self._moments = moments(self.rows)
         self.whole = np.zeros((MIXTURE_ROWS, 0))  # each as one Gaussian, whatever it is
         self._teammates: FloatArray | None = None
 
@@ -37,13 +46,14 @@ class Things:
 
     def changed(self) -> None:
         """Work out again what depends on rows and weights."""
-        self.whole = mixture(self.rows, by_motion(self.weights))
+        self._moments = moments(self.rows)
+        self.whole = mixture(self._moments, by_motion(self.weights))
         self._teammates = None
 
     def teammates(self) -> FloatArray:
         """Each thing as a teammate, as one Gaussian (6, n)."""
         if self._teammates is None:
-            self._teammates = mixture(self.rows, by_motion(self.weights[TEAMMATE]))
+            self._teammates = mixture(self._moments, by_motion(self.weights[TEAMMATE]))
         return self._teammates
 
     def standing(self, least: float) -> tuple[IntArray, FloatArray]:
@@ -98,9 +108,11 @@ class Things:
         labels = np.where(tracks[LABEL] > 0.0, tracks[LABEL], math.inf)
         np.minimum.at(labels, kept, labels.take(gone))
         tracks[LABEL] = np.where(labels < math.inf, labels, 0.0)
-        stay = np.delete(np.arange(len(there)), gone)
+        stays = np.ones(len(there), dtype=bool)
+        stays[gone] = False
+        stay = stays.nonzero()[0]
         self._keep(stay)
-        self.whole = self.whole.take(stay, axis=1)
+        self.whole, self._moments = self.whole.take(stay, axis=1), self._moments.take(stay, axis=2)
 
     def _keep(self, kept: IntArray) -> None:
         self.rows, self.weights = self.rows.take(kept, axis=2), self.weights.take(kept, axis=1)

@@ -23,6 +23,7 @@ from host.estimator.things.thing_modes import (
     ThingModes,
     by_motion,
     mixture,
+    moments,
 )
 from host.messages import Displacement, FloatArray
 
@@ -157,7 +158,7 @@ def test_the_whole_has_the_moments_of_the_motions() -> None:
     spread = sum(
         s * ((d - mean).T @ (d - mean)) / len(d) for s, d in zip(shares, draws, strict=True)
     )
-    whole = mixture(rows, by_motion(weights))[:, 0]
+    whole = mixture(moments(rows), by_motion(weights))[:, 0]
     assert whole[:2] == pytest.approx(mean, abs=1e-3)
     assert whole[2:5] == pytest.approx(spread[[0, 0, 1], [0, 1, 1]], abs=2e-4)
     assert whole[5] == pytest.approx(0.8)
