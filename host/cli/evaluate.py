@@ -112,7 +112,7 @@ def evaluate(
     if rows:
         click.echo(table(rows, options.columns()))
     if compared:
-        click.echo(systems_table(compared))
+        click.echo(systems_table(compared, options.columns()))
     if folder is not None:
         folder.finish(rows)
         click.echo(f"figures: {folder.path}")

@@ -161,8 +161,9 @@ def _truth(context: click.Context, option: click.Parameter, text: str | None) ->
 
 
 def columns() -> float:
-    """How wide the terminal is; without one, nothing is too wide."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else math.inf
+    """How wide the terminal is, or COLUMNS says; without both, nothing is too wide."""
+    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "")
+    return shutil.get_terminal_size().columns if known else math.inf
 
 
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
@@ -220,13 +221,14 @@ def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) ->
 
 
 def listing(figures: Mapping[str, Any]) -> str:
-    """Figures one a line, their names aligned, in 80 columns."""
+    """Figures one a line, their names aligned, in 80 columns or as many as there are."""
+    most = int(min(columns(), 80)) - 1
     width = max(map(len, figures), default=0)
     return "\n".join(
         textwrap.fill(
             f"  {name:{width}}  {value}",
-            79,
-            subsequent_indent=" " * (width + 4),
+            most,
+            subsequent_indent=" " * min(width + 4, most // 2),
             break_on_hyphens=False,
         )
         for name, value in figures.items()

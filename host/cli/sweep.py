@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from host.cli import options
+from host.cli.terminal.table import parts
 from host.errors import UserError
 from host.experiments import trials
 from host.experiments.intervals import Mean, Summary, summaries
@@ -127,7 +128,7 @@ def sweep_command(
     _run(every, records, output, scheduler, workers, plugins)
     found = summaries(records.of(every))
     options.write_json(json_path, [summary.as_json() for summary in found])
-    click.echo(table(found))
+    click.echo(table(found, options.columns()))
 
 
 def _run(
@@ -157,21 +158,25 @@ def _run(
         ) from interrupt
 
 
-def table(found: Sequence[Summary]) -> str:
-    """The summaries, one block a source: mean ± half of the 95 % confidence interval."""
+def table(found: Sequence[Summary], columns: float = math.inf) -> str:
+    """The summaries, one block a source: mean ± half of the 95 % confidence interval.
+
+    columns: of the terminal.
+    """
     width = max((len(_settings(summary)) for summary in found), default=0)
     lines: list[str] = []
     for source, block in itertools.groupby(found, key=lambda summary: summary.source):
-        heading = f"  {'filter':12} {'sensors':12} {'settings' if width else '':{width}}"
-        for _, name, decimals, _ in _FIGURES:
-            heading += f" {name:>{_width(decimals)}}"
-        lines += [source, f"{heading}  n"]
+        left = [f"  {'filter':12} {'sensors':12} {'settings' if width else '':{width}}"]
+        names = [f" {name:>{_width(decimals)}}" for _, name, decimals, _ in _FIGURES]
+        cells = [[*names, "  n"]]
         for summary in block:
-            line = f"  {summary.filter:12} {summary.sensors:12} {_settings(summary):{width}}"
-            for key, _, decimals, scale in _FIGURES:
-                line += f" {_cell(summary.means[key], scale, decimals):>{_width(decimals)}}"
-            lines.append(f"{line} {summary.seeds:2d}")
-        lines.append("")
+            left.append(f"  {summary.filter:12} {summary.sensors:12} {_settings(summary):{width}}")
+            values = [
+                f" {_cell(summary.means[key], scale, decimals):>{_width(decimals)}}"
+                for key, _, decimals, scale in _FIGURES
+            ]
+            cells.append([*values, f" {summary.seeds:2d}"])
+        lines += [source, *parts(left, cells, columns), ""]
     return "\n".join([*lines, "mean ± half of its 95 % confidence interval over n seeds"])
 
 

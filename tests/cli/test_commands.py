@@ -7,9 +7,12 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
+from host.cli import options
 from host.cli.main import main
-from host.cli.terminal.table import table
+from host.cli.terminal.table import parts, table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import DeviceBytes, Estimate, Health, Truth
@@ -311,3 +314,25 @@ def test_a_table_without_a_limit_or_figures_has_dashes():
     assert row.split()[3:] == ["-"] * 12
     assert max(map(len, text.splitlines())) <= 115
     assert math.isnan(Accumulator().row("", "", "", "").gospa_m)
+
+
+@given(
+    st.integers(0, 40),
+    st.lists(st.integers(1, 12), min_size=1, max_size=12),
+    st.integers(55, 200),
+)
+def test_a_narrow_table_has_every_cell_once_in_lines_that_fit(left, widths, columns):
+    cells = [[f"{k}".rjust(width, ".") for k, width in enumerate(widths)] for _ in range(2)]
+    lines = parts(["x" * left, "y" * left], cells, columns)
+    assert max(map(len, lines)) < columns
+    assert "".join(line[left:] for line in lines[0::2]) == "".join(cells[0])
+    assert "".join(line[left:] for line in lines[1::2]) == "".join(cells[1])
+
+
+def test_columns_are_those_of_the_environment_where_there_is_no_terminal(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert options.columns() == math.inf
+    monkeypatch.setenv("COLUMNS", "60")
+    assert options.columns() == 60
+    figures = options.listing({"a name": "word " * 30, "other": 1})
+    assert max(map(len, figures.splitlines())) < 60

@@ -68,43 +68,50 @@ def needed(check: Check) -> str:
     return f"{side} {check.threshold:.4g} {check.unit}".rstrip()
 
 
-def as_text(calibration: Calibration) -> str:
-    """The console's table, 80 columns wide; the verdict comes last."""
-    lines = [
-        _row(f"{calibration.kind} calibration", "value ± sigma", "sigma at most", "before", "")
-    ]
+def as_text(calibration: Calibration, columns: float = _COLUMNS) -> str:
+    """The console's table, 80 columns wide or fewer; the verdict comes last."""
+    most = int(min(columns, _COLUMNS))
+    head = ("value ± sigma", "sigma at most", "before", "")
+    lines = [_row(f"{calibration.kind} calibration", *head, most)]
     for row in calibration.fitted:
         before = "" if row.before is None else value_alike(row, row.before)
-        lines.append(_row(row.name, value_and_sigma(row), limit(row), before, row_verdict(row)))
+        cells = (value_and_sigma(row), limit(row), before, row_verdict(row))
+        lines.append(_row(row.name, *cells, most))
     if calibration.checks:
-        lines += ["", _row("checks", "found", "needed", "", "")]
+        lines += ["", _row("checks", "found", "needed", "", "", most)]
         lines += [
-            _row(check.name, found(check), needed(check), "", row_verdict(check))
+            _row(check.name, found(check), needed(check), "", row_verdict(check), most)
             for check in calibration.checks
         ]
-    if why := why_unbounded(calibration):
-        lines += ["", textwrap.fill(why, _COLUMNS)]
-    if calibration.residuals:
-        lines += ["", textwrap.fill(f"residuals: {calibration.residuals}", _COLUMNS)]
-    for warning in calibration.warnings:
-        lines += ["", textwrap.fill(f"beware: {warning}", _COLUMNS)]
-    return "\n".join([*lines, "", _conclusion(calibration)])
+    notes = [why_unbounded(calibration)]
+    notes += [f"residuals: {calibration.residuals}" if calibration.residuals else ""]
+    notes += [f"beware: {warning}" for warning in calibration.warnings]
+    for note in filter(None, notes):
+        lines += ["", textwrap.fill(note, most)]
+    return "\n".join([*lines, "", _conclusion(calibration, most)])
 
 
-def _row(name: str, value: str, bound: str, before: str, word: str) -> str:
-    """One line; a name too long for its column has a line of its own."""
+def _row(name: str, value: str, bound: str, before: str, word: str, most: int) -> str:
+    """One line; a name too long for its column has a line of its own.
+
+    Where the terminal is narrower than the table every name has, with the rest below it.
+    """
+    if most < _COLUMNS:
+        cells = "  ".join(cell for cell in (value, bound, before, word) if cell)
+        below = textwrap.wrap(cells, most, initial_indent="  ", subsequent_indent="    ")
+        return "\n".join([*textwrap.wrap(name, most), *below])
     rest = f"{value:>22} {bound:>13} {before:>9}  {word}".rstrip()
     if len(name) <= 26:
         return f"{name:26} {rest}"
     return "\n".join([*textwrap.wrap(name, _COLUMNS), f"{'':26} {rest}"])
 
 
-def _conclusion(calibration: Calibration) -> str:
+def _conclusion(calibration: Calibration, most: int) -> str:
     failures = calibration.failures
     if not failures:
         return "passed"
     points = (
-        textwrap.fill(failure, _COLUMNS, initial_indent="- ", subsequent_indent="  ")
+        textwrap.fill(failure, most, initial_indent="- ", subsequent_indent="  ")
         for failure in failures
     )
     return "\n".join(["not to be used:", *points])

@@ -166,7 +166,7 @@ class Fitting:
         content = {**figures.as_json(calibration, source, date), **more}
         options.write_json(self._json_path, content)
         report.write_html(self._report_path, calibration, source, date, robot)
-        click.echo(figures.as_text(calibration))
+        click.echo(figures.as_text(calibration, options.columns()))
         click.echo(f"report: {self._report_path}")
         if calibration.failures and not self._accept:
             raise UserError(

@@ -52,14 +52,20 @@ def _block(source: str, rows: Sequence[Row], columns: float) -> list[str]:
         [f" {name:>{width}}" for name, width, _ in _FIGURES.values()] + ["  ratio"],
         *(_cells(row, best.get((row.observer, row.sensors), math.nan)) for row in rows),
     ]
-    lines, begin = [f"{source}   {rows[-1].seconds:.0f} s scored"], 0
-    while begin < len(figures[0]):
+    return [f"{source}   {rows[-1].seconds:.0f} s scored", *parts(left, figures, columns)]
+
+
+def parts(left: Sequence[str], cells: Sequence[Sequence[str]], columns: float) -> list[str]:
+    """Lines of a table, in parts below each other that are as wide as the terminal allows.
+
+    left (n,): what stands at the left of every part; cells (n, m): each as wide as its column.
+    """
+    lines, begin, count = [], 0, len(cells[0])
+    while begin < count:
         end = begin + 1
-        while (
-            end < len(figures[0]) and len(left[0] + "".join(figures[0][begin : end + 1])) < columns
-        ):
+        while end < count and len(left[0] + "".join(cells[0][begin : end + 1])) < columns:
             end += 1
-        lines += [who + "".join(row[begin:end]) for who, row in zip(left, figures, strict=True)]
+        lines += [who + "".join(row[begin:end]) for who, row in zip(left, cells, strict=True)]
         begin = end
     return lines
 
@@ -78,7 +84,7 @@ def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
-def systems_table(rows: Sequence[SystemRow]) -> str:
+def systems_table(rows: Sequence[SystemRow], columns: float = math.inf) -> str:
     """Each system on each source: its figures by name, or why there are none."""
     lines: list[str] = []
     wide = max(len(row.variant) for row in rows)
@@ -86,5 +92,7 @@ def systems_table(rows: Sequence[SystemRow]) -> str:
         lines.append(source)
         for row in block:
             figures = "  ".join(f"{name} {value:.4g}" for name, value in row.figures.items())
-            lines.append(f"  {row.system:17} {row.variant:{wide}} {row.why or figures}")
+            line = f"  {row.system:17} {row.variant:{wide}} {row.why or figures}"
+            most = int(min(columns - 1, len(line)))
+            lines += textwrap.wrap(line, most, subsequent_indent="    ")
     return "\n".join(lines)

@@ -263,6 +263,14 @@ def test_json_has_the_same_figures_and_null_where_there_is_no_number() -> None:
     assert as_json(calibration(USED), "", "")["passed"] is True
 
 
+@pytest.mark.parametrize("columns", [30, 60, 79])
+def test_a_narrow_terminal_gets_the_same_words_in_more_lines(columns: int) -> None:
+    narrow, wide = as_text(calibration(USED, FLAT), columns), as_text(calibration(USED, FLAT))
+    assert max(map(len, narrow.split("\n"))) <= columns
+    assert sorted(narrow.split()) == sorted(wide.split())
+    assert as_text(calibration(USED, FLAT), 200.0) == wide
+
+
 def test_the_console_has_80_columns_and_the_verdict_last() -> None:
     text = as_text(calibration(USED, FLAT))
     lines = text.split("\n")
