@@ -6,15 +6,22 @@
 Findings about this computer are counted apart: several live robots at once may be too many for it.
 """
 
-import json
-import subprocess
+import contextlib
+import functools
+import multiprocessing
 import sys
-import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
+
+from host.config import RobotConfig
+from host.doctor.examine import examine
+from host.doctor.findings import Finding, Level
+from host.doctor.spin import Spin
+from host.drivers.computer import Computer
+from host.sources.rig import simulated_rig
+from host.sources.sensors import LIDAR_AND_CAMERA
 
 COMPUTER = ("computer", "localizer", "disk")  # parts that are this computer's, not the robot's
 
@@ -29,13 +36,13 @@ def main(seeds: str, scenario: str, spin: bool, at_once: int) -> None:
     first, _, last = seeds.partition("-")
     robots, begin = range(int(first), int(last or first) + 1), time.monotonic()
     alarms = busy = 0
-    with ThreadPoolExecutor(at_once) as pool:
-        found = pool.map(lambda seed: examined(scenario, seed, spin), robots)
+    with multiprocessing.get_context("spawn").Pool(at_once) as pool:
+        found = pool.imap(functools.partial(examined, scenario, spin), robots, chunksize=1)
         for seed, findings in zip(robots, found, strict=True):
             for finding in findings:
-                own = finding["part"] in COMPUTER
+                own = finding.part in COMPUTER
                 busy, alarms = busy + own, alarms + (not own)
-                click.echo(f"seed {seed}: {finding['part']} {finding['level']}: {finding['what']}")
+                click.echo(f"seed {seed}: {finding.part} {finding.level}: {finding.what}")
     click.echo(
         f"{len(robots)} robots of {scenario}: {alarms} false alarms; "
         f"{busy} findings about this computer; {time.monotonic() - begin:.0f} s"
@@ -43,22 +50,14 @@ def main(seeds: str, scenario: str, spin: bool, at_once: int) -> None:
     sys.exit(alarms > 0)
 
 
-def examined(scenario: str, seed: int, spin: bool) -> list[dict[str, str]]:
+def examined(scenario: str, spin: bool, seed: int) -> list[Finding]:
     """What the doctor does not find ok of one robot."""
     named = f"{scenario}{',' if ':' in scenario else ':'}seed={seed}"
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "findings.json"
-        command = ["doctor", "--simulate", named, "--json", str(path)]
-        done = subprocess.run(
-            [sys.executable, "-m", "host.cli", *command, *(["--spin", "--yes"] if spin else [])],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if not path.exists():
-            raise SystemExit(f"{named}: {done.stderr}")
-        found = json.loads(path.read_text("utf-8"))["result"]["findings"]
-    return [finding for finding in found if finding["level"] != "ok"]
+    with contextlib.ExitStack() as stack:
+        rig = simulated_rig(stack, RobotConfig(), named, {}, LIDAR_AND_CAMERA, driven=spin)
+        wheels = Spin(rig.board.command, rig.config) if spin else None
+        found = examine(rig, Path.cwd(), Computer(), spin=wheels).findings
+    return [finding for finding in found if finding.level != Level.OK]
 
 
 if __name__ == "__main__":

@@ -21,8 +21,10 @@ from host.messages import Bearings, FloatArray
 _DELAYS_S = np.arange(-0.3, 0.3001, 0.005)
 _LATE_S = 0.08  # 5 deg of a bearing at 1 rad/s
 _FEWEST, _LEAST_RAD = 20, 1.0
-_NEXT_S = 0.35  # between two pictures that are compared
-_ELSEWHERE_RAD = 0.1  # further from where a teammate should be now is another one
+_APART_S = (0.2, 0.6)  # between two pictures that are compared
+_WALK_RADPS = 0.15  # of a teammate, by what it walks itself
+_ELSEWHERE = 3.0**2  # squared sigmas; further from where it should be now it is another one
+_SURE = 60.0  # by so much the sum of those falls, where a delay is one; pairs share pictures
 
 
 def sensor_delays(
@@ -65,15 +67,19 @@ def _of(
 def _of_camera(
     name: str, pictures: Sequence[Bearings], times: FloatArray, headings: FloatArray
 ) -> Finding | None:
+    seen = [picture for picture in pictures if len(picture.bearings)]
     pairs = [
         (before, after)
-        for before, after in itertools.pairwise(pictures)
-        if len(before.bearings) and len(after.bearings) and after.time - before.time < _NEXT_S
+        for number, before in enumerate(seen)
+        for after in itertools.takewhile(
+            lambda after, begin=before.time: after.time - begin < _APART_S[1], seen[number + 1 :]
+        )
+        if after.time - before.time > _APART_S[0]
     ]
     if len(pairs) < _FEWEST or len(times) < _FEWEST or np.ptp(headings) < _LEAST_RAD:
         return None
     delay = camera_delay_s(pairs, lambda at: np.interp(at, times, headings))
-    return _finding(f"{name} camera".strip(), delay)  # without a name: both
+    return None if delay is None else _finding(f"{name} camera".strip(), delay)
 
 
 def _finding(part: str, delay: float) -> Finding:
@@ -109,19 +115,34 @@ def delay_s(
 
 def camera_delay_s(
     pairs: Sequence[tuple[Bearings, Bearings]], heading_at: Callable[[FloatArray], FloatArray]
-) -> float:
-    """The delay (s) of pictures, by how far each teammate moved between two of them.
+) -> float | None:
+    """The delay (s) of pictures, by how far each teammate moved between two; None: not sure.
 
     heading_at: by the wheels, at times (n,) s. Which teammate is which need not be known: each is
-    compared with the one nearest to where it should be, and who has none there counts alike.
+    compared with the one nearest to where it should be, and who has none there counts alike. Not
+    sure where another delay within _LATE_S would do as well as any.
     """
+    ends = np.array([(before.time, after.time) for before, after in pairs])
+    befores, afters = (_rows([pair[k].bearings for pair in pairs]) for k in (0, 1))
+    moved = afters[:, :, None] - befores[:, None, :]  # (pairs, after, before)
+    noise = np.array([before.variances.mean() + after.variances.mean() for before, after in pairs])
+    variances = (noise + (_WALK_RADPS * np.ptp(ends, axis=1)) ** 2)[:, None, None]
     costs = []
     for delay in _DELAYS_S:
-        ends = np.array([(before.time, after.time) for before, after in pairs]) - delay
-        rotated = np.diff(heading_at(ends.ravel()).reshape(-1, 2))[:, 0]
-        off = [
-            np.abs(wrap(after.bearings[:, None] - before.bearings + turn)).min(axis=1)
-            for (before, after), turn in zip(pairs, rotated, strict=True)
-        ]
-        costs.append(float((np.minimum(np.concatenate(off), _ELSEWHERE_RAD) ** 2).sum()))
-    return float(_DELAYS_S[int(np.argmin(costs))])
+        rotated = np.diff(heading_at((ends - delay).ravel()).reshape(-1, 2))[:, :, None]
+        squares = np.nan_to_num(wrap(moved + rotated) ** 2 / variances, nan=np.inf).min(axis=2)
+        known = np.isfinite(squares)
+        costs.append(float(np.minimum(squares[known], _ELSEWHERE).sum()))
+    best = int(np.argmin(costs))
+    delay = float(_DELAYS_S[best])
+    in_time = min(cost for at, cost in zip(_DELAYS_S, costs, strict=True) if abs(at) <= _LATE_S)
+    sure = abs(delay) <= _LATE_S or in_time - costs[best] > _SURE
+    return delay if sure else None
+
+
+def _rows(arrays: Sequence[FloatArray]) -> FloatArray:
+    """One row each, as long as the longest; NaN where there is nothing."""
+    rows = np.full((len(arrays), max(map(len, arrays))), np.nan)
+    for row, values in zip(rows, arrays, strict=True):
+        row[: len(values)] = values
+    return rows
