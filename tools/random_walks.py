@@ -3,10 +3,11 @@
     python tools/random_walks.py arena4 --seeds 1-10 [--lidar-dies]
 
 In closed loop on the fast model of the boards, a walk on each core; lines come as walks end. With
---lidar-dies the lidar of the first robot falls silent in the middle of each walk: how far it goes
-on, and for how long, is reported.
+--lidar-dies the lidar of the first robot falls silent while it drives, from the middle of each walk
+on: how far it goes on, and for how long, is reported.
 """
 
+import math
 import multiprocessing
 import os
 import time
@@ -21,7 +22,8 @@ from host.simulation.offline import OBSERVER
 from host.simulation.world.arena import ARENA_STEP_S, Contact
 from host.simulation.world.scenarios import parse_scenario
 
-STILL_MPS = 0.02
+STILL_MPS, FAST_MPS = 0.02, 0.2
+STOP_S = 2.0  # after a loss, over which its stop is looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +56,28 @@ def walked(walk: Walk) -> Walked:
     scenario = parse_scenario(f"{walk.scenario}{joint}seed={walk.seed}")
     swarm = Swarm(replace(scenario, stacks="all"), RobotConfig())
     steps = round(walk.seconds / ARENA_STEP_S)
+    lost = math.inf  # s
     begin = time.process_time()
     for number in range(steps):
-        if walk.lidar_dies and number == steps // 2:
-            swarm.observer.lidar.answers = False
+        if walk.lidar_dies and number > steps // 2 and lost == math.inf and speed(swarm) > FAST_MPS:
+            swarm.observer.lidar.answers, lost = False, swarm.arena.now
         swarm.step(number)
     pace = walk.seconds / (time.process_time() - begin)
     poses = swarm.arena.poses(np.arange(0.0, walk.seconds, 0.1))[..., :2]
     way = np.hypot(*np.diff(poses, axis=0).transpose(2, 0, 1)).sum() / poses.shape[1]
-    stop = stopped(swarm, steps // 2 * ARENA_STEP_S) if walk.lidar_dies else None
+    stop = stopped(swarm, lost) if lost < walk.seconds - STOP_S else None
     return Walked(walk, swarm.contacts, float(way), pace, stop)
+
+
+def speed(swarm: Swarm) -> float:
+    """Of the first robot in the last step, m/s."""
+    before, after = swarm.arena.poses(swarm.arena.now - np.array([ARENA_STEP_S, 0.0]))[:, OBSERVER]
+    return float(np.hypot(*(after - before)[:2])) / ARENA_STEP_S
 
 
 def stopped(swarm: Swarm, lost: float) -> tuple[float, float]:
     """How far (m) the first robot went on after its loss at `lost` (s), and for how long (s)."""
-    times = lost + np.arange(0.0, 2.0, ARENA_STEP_S)
+    times = lost + np.arange(0.0, STOP_S, ARENA_STEP_S)
     track = swarm.arena.poses(times)[:, OBSERVER, :2]
     speeds = np.hypot(*np.diff(track, axis=0).T) / ARENA_STEP_S
     moving = np.flatnonzero(speeds > STILL_MPS)

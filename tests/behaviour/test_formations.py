@@ -44,7 +44,7 @@ def around(history: FloatArray, robots: int, step: int) -> tuple[FloatArray, Flo
 
 @pytest.mark.parametrize(("count", "seed"), [(3, 1), (6, 3)])
 def test_robots_spread_evenly_on_the_circle_and_go_round(count: int, seed: int) -> None:
-    history = formed([Circle(speed_mps=0.12)] * count, scattered(count, seed), 30.0)
+    history = formed([Circle(speed_mps=0.12) for _ in range(count)], scattered(count, seed), 30.0)
     radii, gaps = around(history, count, -1)
     assert radii == pytest.approx(np.full(count, RADIUS_M), abs=0.03)
     assert gaps == pytest.approx(np.full(count, math.tau / count), abs=0.1)
@@ -55,7 +55,7 @@ def test_robots_spread_evenly_on_the_circle_and_go_round(count: int, seed: int) 
 
 
 def test_the_platoon_takes_its_circle_to_the_goal() -> None:
-    behaviours = [Circle(goal=(1.5, -0.5))] * 6
+    behaviours = [Circle(goal=(1.5, -0.5)) for _ in range(6)]
     history = formed(behaviours, scattered(6, 5), 45.0)
     radii, gaps = around(history, 6, -1)
     assert radii == pytest.approx(np.full(6, RADIUS_M), abs=0.05)
@@ -64,12 +64,24 @@ def test_the_platoon_takes_its_circle_to_the_goal() -> None:
     assert nearest(history, 6) > BODIES_TOUCH_M
 
 
+def test_a_circle_that_is_too_wide_to_be_seen_closes() -> None:
+    def near(time, robot, places, numbers):
+        seen = np.hypot(*places.T) < (4.0 if time < 1.0 else 2.5)
+        return places[seen], numbers[seen]
+
+    angles = math.tau * np.arange(6) / 6
+    poses = np.column_stack((1.53 * np.cos(angles), 1.53 * np.sin(angles), angles))
+    radii, _ = around(formed([Circle() for _ in range(6)], poses, 25.0, near), 6, -1)
+    assert radii == pytest.approx(np.full(6, RADIUS_M), abs=0.05)
+
+
 @pytest.mark.parametrize("seed", [1, 3])
 def test_lower_tasks_do_not_add_to_the_error_of_those_above_them(seed: int) -> None:
     errors = []
     for shaped in (False, True):
         platoon = Circle(goal=(2.0, 1.0), near_m=0.9, shaped=shaped)
-        history = formed([platoon] * 5, scattered(5, seed, 3.0), 8.0)
+        others = [Circle(goal=(2.0, 1.0), near_m=0.9, shaped=shaped) for _ in range(4)]
+        history = formed([platoon, *others], scattered(5, seed, 3.0), 8.0)
         errors.append(
             sum(
                 sum(platoon.view_errors(mates))

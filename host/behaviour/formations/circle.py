@@ -7,7 +7,6 @@ them below T0.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +21,7 @@ _ANGLE_PER_S = 0.4
 _GOAL_PER_S = 0.3
 _GOAL_MPS = 0.08  # at the most, so that there is speed left to keep the shape
 _VIEW_PER_S = 0.8
+_MISSED_S, _MISSING_MPS = 8.0, 0.08
 
 
 def on_circle(mates: FloatArray, centre: FloatArray, radius_m: float, speed: float) -> FloatArray:
@@ -46,7 +46,6 @@ def centroid(mates: FloatArray) -> FloatArray:
     return np.asarray(mates.sum(axis=0) / (len(mates) + 1))
 
 
-@dataclass(frozen=True, slots=True)
 class Circle:
     """T0 to T4: all on one circle around their centroid, evenly, and within each other's view.
 
@@ -56,43 +55,59 @@ class Circle:
     shaped: False leaves T3 and T4 out.
     """
 
-    radius_m: float = RADIUS_M
-    speed_mps: float = 0.0
-    goal: tuple[float, float] | None = None
-    near_m: float = 1.3
-    view_m: float = 2.1
-    shaped: bool = True
+    def __init__(
+        self,
+        speed_mps: float = 0.0,
+        goal: tuple[float, float] | None = None,
+        near_m: float = 1.3,
+        view_m: float = 2.1,
+        shaped: bool = True,
+    ) -> None:
+        self._speed_mps, self._goal, self._shaped = speed_mps, goal, shaped
+        self._near_m, self._view_m = near_m, view_m
+        self._most, self._last = 0, -math.inf  # teammates known at once, and when they last were
 
     def command(self, now: Situation) -> Command:
         """Never done. Without a teammate in sight it looks around."""
         mates = now.teammates
         if not len(mates):
             return LOOK_AROUND
-        velocity = self._in_view(mates, self._shape(now, mates))
+        velocity = self._in_view(mates, self._missing(now), self._shape(now, mates))
         return towards(clear(now, velocity))
 
     def _shape(self, now: Situation, mates: FloatArray) -> FloatArray:
         """T3 and T4."""
-        if not self.shaped:
+        if not self._shaped:
             return np.zeros(2)
         centre = centroid(mates)
-        velocity = on_circle(mates, centre, self.radius_m, self.speed_mps)
-        if self.goal is None:
+        velocity = on_circle(mates, centre, RADIUS_M, self._speed_mps)
+        if self._goal is None:
             return velocity
-        way = _GOAL_PER_S * (to_frame(np.array(self.goal), np.array(now.pose)) - centre)
+        way = _GOAL_PER_S * (to_frame(np.array(self._goal), np.array(now.pose)) - centre)
         return velocity + way * min(1.0, _GOAL_MPS / max(float(np.hypot(*way)), 1e-9))
 
-    def _in_view(self, mates: FloatArray, lower: FloatArray) -> FloatArray:
-        """T1 and T2: who is too far from the others goes towards their centroid."""
-        error = sum(self.view_errors(mates))
-        if error <= 0.0:
+    def _missing(self, now: Situation) -> bool:
+        """Whether more teammates were known a short while ago."""
+        count = len(now.teammates)
+        if count >= self._most or now.time - self._last > _MISSED_S:
+            self._most, self._last = count, now.time
+        return count < self._most
+
+    def _in_view(self, mates: FloatArray, missing: bool, lower: FloatArray) -> FloatArray:
+        """T1 and T2: who is too far from the others goes towards their centroid.
+
+        So it does where some are missing: of a circle that is too wide one sees the neighbours
+        alone, which look like a small one.
+        """
+        speed = _VIEW_PER_S * sum(self.view_errors(mates)) + missing * _MISSING_MPS
+        if speed <= 0.0:
             return lower
         centre = centroid(mates)
         inward = centre / max(float(np.hypot(*centre)), 1e-6)
-        return at_least(inward, _VIEW_PER_S * error, lower)
+        return at_least(inward, speed, lower)
 
     def view_errors(self, mates: FloatArray) -> tuple[float, float]:
         """How far (m) T1 and T2 are beyond their limits; 0: within."""
         near = float(np.hypot(*centroid(mates)))
         farthest = float(np.hypot(*mates.T).max())
-        return max(near - self.near_m, 0.0), max(farthest - self.view_m, 0.0)
+        return max(near - self._near_m, 0.0), max(farthest - self._view_m, 0.0)
