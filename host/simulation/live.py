@@ -20,11 +20,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from host.config import RobotConfig
 from host.errors import UserError
 from host.messages import Bearings, FloatArray, IntArray, Truth
 from host.simulation.devices.board import BoardKind
 from host.simulation.devices.catalogue import Emulator
+from host.simulation.devices.link_senders import LinkSenders
 from host.simulation.devices.live_cameras import LiveCameras
 from host.simulation.devices.natnet_server import NatNetServer
 from host.simulation.live_bearings import CAMERA, LiveCamera
@@ -159,6 +162,10 @@ class LiveSimulation:
             mocap = {"source": "natnet", "natnet": self._mocap.config}
             mocap_config = self.config.mocap.model_copy(update=mocap)
             self.config = self.config.model_copy(update={"mocap": mocap_config})
+        self._link: LinkSenders | None = None
+        if scenario.link_hz:
+            self._link = LinkSenders(self._floor_poses, scenario.link_hz, scenario.seed, clock)
+            self.config = self.config.model_copy(update={"link": self._link.settings})
 
     def __enter__(self) -> Self:
         self._start = self.clock()
@@ -168,6 +175,8 @@ class LiveSimulation:
             self._pictures.start(self._start)
         if self._mocap is not None:
             self._running.enter_context(self._mocap)
+        if self._link is not None:
+            self._running.enter_context(self._link)
         return self
 
     def __exit__(
@@ -216,6 +225,10 @@ class LiveSimulation:
         with self._lock:
             seen = self._simulation.bodies(time - self._start)
         return seen.identities, seen.poses
+
+    def _floor_poses(self, time: float) -> FloatArray:
+        with self._lock:
+            return np.asarray(self._simulation.arena.poses(np.array([time - self._start]))[0])
 
     def _surroundings(self, time: float) -> Surroundings:
         with self._lock:

@@ -82,6 +82,7 @@ class Scenario:
     wheel_slip: float = _bounded(0.01, 0.0, 0.5)  # std of a wheel's relative slip
     slip_seconds: float = _bounded(0.5, 0.02, 100.0)  # for which a slip lasts
 
+    link_hz: float = _bounded(0.0, 0.0, 50.0)  # live: odometry that teammates send; 0: none
     mocap_hz: float = _bounded(0.0, 0.0, 360.0)  # frames of motion capture; 0: there is none
     mocap_noise_mm: float = _bounded(0.2, 0.0, 100.0)  # std of a body's place, per axis
     mocap_noise_deg: float = _bounded(0.1, 0.0, 10.0)  # and of its heading

@@ -1,0 +1,114 @@
+"""Names on top of the anonymous filter: from estimates and what comes over the link."""
+
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from host.config import RobotConfig
+from host.drivers.link.device import Link
+from host.drivers.link.protocol import Heard
+from host.geometry import Path, to_frame, to_parent, wrap
+from host.messages import Displacement, Estimate
+from host.simulation.live import LiveSimulation
+from host.simulation.world.scenarios import parse_scenario
+from host.systems.id_phd.naming import Naming
+
+STEP_S = 0.1
+LABELS = np.array([40, 41, 42])
+
+
+class Swarm:
+    """An observer that turns, and three teammates that drive arcs; all by the same clock."""
+
+    def __init__(self, seed):
+        self.random = np.random.default_rng(seed)
+        self.own = np.zeros(3)
+        self.poses = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 2.0], [-1.0, -0.3, -1.0]])
+        self.time = 0.0
+        self.heard = []
+        self.naming = Naming(self.take_heard)
+
+    def take_heard(self):
+        taken, self.heard = self.heard, []
+        return taken
+
+    def step(self, lost=0.0):
+        self.time += STEP_S
+        self.own[2] += 0.02
+        self.naming.take(Displacement(self.time, STEP_S, 0.0, 0.0, 0.02, 1e-7, 1e-6))
+        for robot in range(3):
+            turned = (0.05, -0.08, 0.02)[robot]
+            move = np.array([[0.015, 0.0]])
+            place = to_parent(move, self.poses[robot])[0]
+            self.poses[robot] = [*place, self.poses[robot, 2] + turned]
+            step = Displacement(self.time, STEP_S, 0.015, 0.0, turned, 1e-6, 1e-6)
+            if self.random.uniform() >= lost:
+                self.heard.append(Heard(robot + 5, step))
+        return self.naming.names(self.estimate())
+
+    def estimate(self):
+        places = to_frame(self.poses[:, :2], self.own) + self.random.normal(0.0, 0.01, (3, 2))
+        spread = np.tile(1e-4 * np.eye(2), (3, 1, 1))
+        return Estimate(self.time, places, spread, np.ones(3), np.zeros(3), LABELS)
+
+    def heading(self, robot):
+        return wrap(self.poses[robot, 2] - self.own[2])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_labels_get_the_names_and_headings_of_their_robots(seed):
+    swarm = Swarm(seed)
+    for _ in range(80):
+        names = swarm.step()
+    assert set(names) == set(LABELS.tolist())
+    for robot, label in enumerate(LABELS.tolist()):
+        assert names[label].identity == robot + 5
+        assert names[label].probability > 0.9
+        off = wrap(names[label].heading - swarm.heading(robot))
+        assert abs(off) < math.radians(8.0)
+
+
+def test_who_is_not_heard_has_no_name():
+    swarm = Swarm(1)
+    swarm.naming = Naming(lambda: [])
+    for _ in range(10):
+        assert swarm.step() == {}
+
+
+def test_a_robot_that_starts_again_is_recognized_anew():
+    swarm = Swarm(3)
+    for _ in range(60):
+        swarm.step()
+    still = Displacement(swarm.time, 0.0, 0.0, 0.0, 0.0)
+    swarm.heard.append(Heard(5, still, restarted=True))
+    for _ in range(60):
+        names = swarm.step()
+    assert names[40].identity == 5
+
+
+def test_simulated_teammates_send_signed_odometry():
+    """With the real link: what it hears integrates to how the teammates drove, to their gains."""
+    scenario, stop = parse_scenario("arena4:seed=2,link_hz=20"), threading.Event()
+    heard, health, paths = [], [], {}
+    with LiveSimulation(scenario, RobotConfig()) as live:
+        link = Link(live.config.link)
+        thread = threading.Thread(target=link.run, args=(health.append, stop))
+        thread.start()
+        begin = time.monotonic()
+        while time.monotonic() < begin + 2.0:
+            time.sleep(0.05)
+            heard += link.heard()
+        stop.set()
+        thread.join()
+        for each in heard:
+            paths.setdefault(each.robot, Path()).append(each.step)
+        assert set(paths) == {1, 2, 3}
+        for robot, path in paths.items():
+            first = next(each.step.time for each in heard if each.robot == robot)
+            truth = live._simulation.arena.poses(np.array([first, path.end]) - live._start)
+            (x, y) = to_frame(truth[1, robot, :2], truth[0, robot])
+            assert np.hypot(*path.last[:2]) == pytest.approx(math.hypot(x, y), abs=0.03)
+    assert any(each.reason == "hears robot 1, 2, 3" for each in health)
