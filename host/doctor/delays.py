@@ -5,8 +5,7 @@ at 1 rad/s in simulation, so only more than that is called a delay. Cameras show
 moved in the picture; where the rotation begins and ends that says when.
 """
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -67,19 +66,22 @@ def _of(
 def _of_camera(
     name: str, pictures: Sequence[Bearings], times: FloatArray, headings: FloatArray
 ) -> Finding | None:
-    seen = [picture for picture in pictures if len(picture.bearings)]
-    pairs = [
-        (before, after)
-        for number, before in enumerate(seen)
-        for after in itertools.takewhile(
-            lambda after, begin=before.time: after.time - begin < _APART_S[1], seen[number + 1 :]
-        )
-        if after.time - before.time > _APART_S[0]
-    ]
+    pairs = list(_pairs([picture for picture in pictures if len(picture.bearings)]))
     if len(pairs) < _FEWEST or len(times) < _FEWEST or np.ptp(headings) < _LEAST_RAD:
         return None
     delay = camera_delay_s(pairs, lambda at: np.interp(at, times, headings))
     return None if delay is None else _finding(f"{name} camera".strip(), delay)
+
+
+def _pairs(pictures: Sequence[Bearings]) -> Iterator[tuple[Bearings, Bearings]]:
+    """Pictures that are far enough apart in time, and not too far."""
+    for number, before in enumerate(pictures):
+        for after in pictures[number + 1 :]:
+            apart = after.time - before.time
+            if apart > _APART_S[1]:
+                break
+            if apart > _APART_S[0]:
+                yield before, after
 
 
 def _finding(part: str, delay: float) -> Finding:
