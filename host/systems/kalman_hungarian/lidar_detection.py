@@ -16,8 +16,7 @@ from host.geometry import wrap
 from host.messages import FloatArray
 
 Detection = Literal["standalone", "partial", "full"]
-ASSISTED: tuple[Detection, ...] = ("partial", "full")
-DETECTIONS: tuple[Detection, ...] = ("standalone", *ASSISTED)
+DETECTIONS: tuple[Detection, ...] = ("standalone", "partial", "full")
 
 _GAP_M = 0.15  # between returns of one cluster
 _RETURNS = (2, 10)  # of a cluster

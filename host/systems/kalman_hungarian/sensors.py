@@ -1,11 +1,12 @@
-"""What a robot's camera and lidar find, as their messages arrive.
+"""What a robot's camera and lidar find, message by message.
 
-As published a picture counts as taken when it arrives, some 150 ms late, and the lidar looks for
-its robots in the newest scan. Compensated, a scan waits for the picture of its time, as is proposed
-in section 6.2.5, and the robot's own motion is taken out by odometry.
+As published messages are used as they arrive: a picture, some 150 ms late, counts as taken then,
+and where the robot drives itself is left out. Compensated they come in the order of their own
+times, as is proposed in section 6.2.5, and odometry takes the robot's own motion out. What is
+found is so much older then.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,9 @@ from host.config import RobotConfig
 from host.geometry import Path
 from host.messages import Bearings, Displacement, FloatArray, Scan
 from host.perception.scan_match import returns_of
-from host.systems.kalman_hungarian.lidar_detection import ASSISTED, DETECTIONS, Detection, detect
+from host.systems.kalman_hungarian.lidar_detection import DETECTIONS, Detection, detect
+
+Event = Scan | Bearings | Displacement
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +46,13 @@ class Sensors:
         self.camera = NOTHING
         self.lidar: dict[Detection, Found] = dict.fromkeys(DETECTIONS, NOTHING)
         self._mounting = np.array([config.lidar.x_m, config.lidar.y_m, config.lidar.heading_rad])
-        self._waiting: list[Found] = []  # returns of scans, for the picture of their time
 
-    def take(self, message: Scan | Bearings | Displacement) -> None:
-        """Take in one message, in order of arrival."""
+    def in_order(self, messages: Iterable[Event]) -> list[Event]:
+        """Messages, given in order of arrival, in the order in which they are to be taken in."""
+        return sorted(messages, key=_begin) if self.compensated else list(messages)
+
+    def take(self, message: Event) -> None:
+        """Take in one message."""
         if isinstance(message, Displacement):
             self.path.append(message)
         elif isinstance(message, Scan):
@@ -55,29 +61,25 @@ class Sensors:
             self._take_picture(message, message.ranges)
 
     def _take_scan(self, scan: Scan) -> None:
+        """Find the robots in a scan by each method, with what the newest picture shows."""
         returns, times = returns_of(scan, self._mounting)
-        if not self.compensated:
-            self._look_up(Found(scan.time, returns, times), self.camera, DETECTIONS)
-            return
-        taken = Found(scan.time, self.path.carry(returns, times, scan.time), times)
-        self._look_up(taken, NOTHING, ("standalone",))
-        self._waiting.append(taken)
+        camera = self.camera
+        if self.compensated:
+            returns = self.path.carry(returns, times, scan.time)
+            camera = camera.carried(self.path, scan.time)
+        for how in DETECTIONS:
+            positions = detect(how, returns, camera.positions)
+            apart = np.linalg.norm(positions[:, None] - returns, axis=2)
+            nearest = np.argmin(apart, axis=1) if len(positions) else np.zeros(0, dtype=np.int64)
+            self.lidar[how] = Found(scan.time, positions, times[nearest])
 
     def _take_picture(self, picture: Bearings, ranges: FloatArray) -> None:
         along = np.column_stack((np.cos(picture.bearings), np.sin(picture.bearings)))
         positions = np.array(picture.origin) + ranges[:, None] * along
         taken = picture.time if self.compensated else self.path.end
         self.camera = Found(taken, positions, np.full(len(ranges), taken))
-        ready = [scan for scan in self._waiting if scan.time <= picture.time]
-        if ready:
-            then = self.camera.carried(self.path, ready[-1].time)
-            self._look_up(ready[-1], then, ASSISTED)
-            self._waiting = self._waiting[len(ready) :]
 
-    def _look_up(self, returns: Found, camera: Found, methods: Sequence[Detection]) -> None:
-        """The robots in a scan, by each method, where the camera says they are."""
-        for how in methods:
-            positions = detect(how, returns.positions, camera.positions)
-            apart = np.linalg.norm(positions[:, None] - returns.positions, axis=2)
-            nearest = np.argmin(apart, axis=1) if len(positions) else np.zeros(0, dtype=np.int64)
-            self.lidar[how] = Found(returns.time, positions, returns.times[nearest])
+
+def _begin(message: Event) -> float:
+    """When it began (s), so that the odometry up to a picture comes before it."""
+    return message.time - (message.interval if isinstance(message, Displacement) else 0.0)

@@ -8,7 +8,8 @@ from host.evaluation.metrics import Accumulator
 from host.messages import Bearings, Displacement, Scan, Truth
 from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse_scenario
-from host.systems.kalman_hungarian.variants import Event, scored
+from host.systems.kalman_hungarian.sensors import Event
+from host.systems.kalman_hungarian.variants import scored
 
 Scores = dict[tuple[str, str], Accumulator]  # by variant and sensors
 PERCENT = 67.0

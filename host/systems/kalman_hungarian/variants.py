@@ -11,7 +11,6 @@ from host.estimator.kalman_hungarian import IMPROVED, KalmanHungarian
 from host.evaluation.labels import TruthTrack
 from host.evaluation.metrics import Accumulator
 from host.evaluation.truth_scoring import score_by_track
-from host.localizer import carried
 from host.messages import (
     Bearings,
     Displacement,
@@ -22,9 +21,8 @@ from host.messages import (
     Truth,
 )
 from host.systems.kalman_hungarian.lidar_detection import Detection
-from host.systems.kalman_hungarian.sensors import NOTHING, Found, Sensors
+from host.systems.kalman_hungarian.sensors import NOTHING, Event, Found, Sensors
 
-Event = Scan | Bearings | Displacement
 LIDAR, CAMERA, LIDAR_AND_CAMERA = "lidar", "camera", "lidar+camera"
 _SENSOR_VARIANCE = 0.03**2  # m², of a sensor on its own
 
@@ -53,13 +51,13 @@ class _Fusion:
         The lidar's positions of a scan are used once where delays are compensated, and with every
         picture until the next scan as published.
         """
-        now = max(sensors.path.end, self._time)
+        now = max(sensors.camera.time, self._time)
         self._predict(sensors, now)
         lidar = sensors.lidar[self._detection]
         fresh = not sensors.compensated or lidar is not self._used
         self._used = lidar
         self._filter.update(_positions(sensors, lidar if fresh else NOTHING, now))
-        self._filter.update(_bearings(sensors, picture, now))
+        self._filter.update(replace(picture, time=now))
 
     def estimate(self, sensors: Sensors, time: float) -> Estimate:
         """At `time` (s)."""
@@ -82,15 +80,10 @@ def _positions(sensors: Sensors, found: Found, now: float) -> Positions:
     return Positions(now, carried.positions, _covariances(found), lags)
 
 
-def _bearings(sensors: Sensors, picture: Bearings, now: float) -> Bearings:
-    return (
-        carried(picture, sensors.path, now) if sensors.compensated else replace(picture, time=now)
-    )
-
-
 def _sensor_estimate(sensors: Sensors, found: Found, time: float) -> Estimate:
-    """What a sensor found last: as published at `time` (s), compensated of when it was measured."""
-    time = found.time if sensors.compensated else time
+    """What a sensor found last, as if it were an estimate at `time` (s)."""
+    if sensors.compensated:
+        found = found.carried(sensors.path, time)
     count = len(found.positions)
     return Estimate(
         time,
@@ -111,12 +104,13 @@ def scored(
 ) -> dict[tuple[str, str], Accumulator]:
     """Scores of the sensors and of every fusion, by name and sensors, at each scan.
 
-    messages in order of arrival. compensated: for delays and the robot's own motion.
+    messages in order of arrival. compensated: for delays and the robot's own motion, so that
+    estimates are of a time that has passed by as much as pictures are late.
     """
     sensors = Sensors(config, compensated)
     fusions = {name: _Fusion(how, make()) for name, (how, make) in _FUSIONS.items()}
     estimates: dict[tuple[str, str], list[Estimate]] = defaultdict(list)
-    for message in messages:
+    for message in sensors.in_order(messages):
         sensors.take(message)
         if isinstance(message, Bearings) and message.ranges is not None:
             for fusion in fusions.values():
