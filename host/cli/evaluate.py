@@ -114,6 +114,7 @@ def evaluate(
     if compared:
         click.echo(systems_table(compared, options.columns()))
     if folder is not None:
+        folder.take_systems(compared)
         folder.finish(rows)
         click.echo(f"figures: {folder.path}")
 

@@ -7,6 +7,7 @@ results/latest                  a link to the newest finished one
 import itertools
 import json
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import version
@@ -20,7 +21,8 @@ from host.errors import UserError
 from host.evaluation.metrics import Row
 from host.evaluation.mrclam_scoring import MRCLAM_ROBOT
 from host.experiments import belaroussi, paper_figure, perera
-from host.sessions.evaluating import Scored
+from host.sessions.evaluating import Scored, Scores
+from host.systems.catalogue import SystemRow
 
 LATEST = "latest"
 
@@ -45,6 +47,22 @@ class ResultsFolder:
         self._write(f"{folder.name}/robot.toml", robot_toml(scored.config))
         for figure in (*perera.figures(scored), *belaroussi.figures(scored)):
             paper_figure.write(figure, folder, self.draw)
+
+    def take_systems(self, rows: Sequence[SystemRow]) -> None:
+        """Write the error measures of systems that estimate as filters do.
+
+        Variants are "NAME, HOW": a folder for each source and each HOW.
+        """
+        scores: dict[tuple[str, str], Scores] = defaultdict(dict)
+        for row in rows:
+            if row.scored is not None:
+                name, _, how = row.variant.rpartition(", ")
+                scores[row.source, how][name, row.sensors] = row.scored
+        for (source, how), each in scores.items():
+            scored = Scored(source, "", RobotConfig(), [], each)
+            folder = _new(self.path, f"{_folder_name(scored)}_{how}")
+            for figure in belaroussi.figures(scored):
+                paper_figure.write(figure, folder, self.draw)
 
     def finish(self, rows: Sequence[Row]) -> None:
         """Write the rows and let `latest` lead here."""

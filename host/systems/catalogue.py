@@ -5,13 +5,14 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from host.errors import UserError
+from host.evaluation.metrics import Accumulator
 from host.recording.elsewhere.mrclam import load_dataset, read_source
 from host.registry import SCENARIOS
 from host.simulation.world.scenarios import settings
 from host.systems.id_phd.mrclam_identities import mrclam_identities
 from host.systems.id_phd.overhead import OverheadScenario
 from host.systems.id_phd.overhead_score import overhead_score
-from host.systems.kalman_hungarian.simulated import measures, simulated_scores
+from host.systems.kalman_hungarian.simulated import Scores, measures, simulated_scores
 from host.systems.particles.simulated import IntruderScenario, tracked
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
 from host.systems.swarm_ukf.simulated import SimulatedSwarm, SwarmScenario, simulated_score
@@ -25,12 +26,16 @@ DATASET, SWARM, INTRUDER, OVERHEAD = "mrclam", "swarm", "intruder", "overhead"
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """work: who described it. needs: in words. sources: how it is scored, by the source's kind."""
+    """work: who described it. needs: in words. sources: how it is scored, by the source's kind.
+
+    scored: the scores of its variants on a scenario, where it estimates as a filter does.
+    """
 
     name: str
     work: str
     needs: str
     sources: dict[str, Callable[[str], Variants]]
+    scored: Callable[[str], Scores] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +47,13 @@ class SystemRow:
     variant: str
     figures: Figures
     why: str = ""
+    scored: Accumulator | None = None  # where `--figures` draws it: with the sensors it had
+    sensors: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """As JSON values."""
         common = {"source": self.source, "system": self.system, "variant": self.variant}
         return {**common, **self.figures, **({"why": self.why} if self.why else {})}
-
-
-def _camera_and_lidar(source: str) -> Variants:
-    return {name: measures(scored) for (name, _), scored in simulated_scores(source).items()}
 
 
 def _swarm_on_dataset(source: str) -> Variants:
@@ -99,7 +102,8 @@ SYSTEMS = {
             "kalman_hungarian",
             "Belaroussi 2024",
             "scans and pictures of a simulated robot (on any source: --filters kalman_hungarian)",
-            dict.fromkeys(SCENARIOS.names(), _camera_and_lidar),
+            {},
+            scored=simulated_scores,
         ),
         System(
             "swarm_ukf",
@@ -133,6 +137,10 @@ def score_systems(sources: Sequence[str], names: Sequence[str]) -> Iterator[Syst
     for source in sources:
         for name in names:
             system = SYSTEMS[name]
+            if system.scored is not None and _kind(source) in SCENARIOS.names():
+                for (variant, sensors), each in system.scored(source).items():
+                    yield SystemRow(source, name, variant, measures(each), "", each, sensors)
+                continue
             score = system.sources.get(_kind(source))
             if score is None:
                 yield SystemRow(source, name, "", {}, f"it needs {system.needs}")

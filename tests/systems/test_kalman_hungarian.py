@@ -1,10 +1,13 @@
 """Belaroussi's system: his ways to find robots in a scan, and what a delay does to them."""
 
 import math
+from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from host.experiments.results_folder import ResultsFolder
 from host.simulation.world.arena import Arena
 from host.simulation.world.scenarios import parse_scenario
 from host.systems.catalogue import score_systems
@@ -58,9 +61,16 @@ def test_furniture_is_outside_of_the_fence_and_robots_inside() -> None:
     assert np.abs(poses[..., :2]).max() < 1.5
 
 
-def test_delay_ruins_what_looks_where_the_camera_looked() -> None:
-    rows = score_systems(["belaroussi3:seed=1,seconds=12"], ["kalman_hungarian"])
+def test_delay_ruins_what_looks_where_the_camera_looked(tmp_path: Path) -> None:
+    rows = list(score_systems(["belaroussi3:seed=1,seconds=12"], ["kalman_hungarian"]))
     found = {row.variant: row.figures for row in rows}
     for how in ("camera", "lidar full", "fused full"):
         late, in_time = found[f"{how}, late"], found[f"{how}, compensated"]
         assert in_time["p67_m"] < late["p67_m"], how
+    folder = ResultsFolder(tmp_path, datetime(2026, 1, 1), {})
+    folder.draw = False
+    folder.take_systems(rows)
+    (measures,) = folder.path.glob("belaroussi3*_late/rmse_and_p67.csv")
+    written = {line.split(",")[0]: line.split(",") for line in measures.read_text().splitlines()}
+    assert len(written) == 1 + len(rows) / 2
+    assert float(written["camera"][3]) == pytest.approx(found["camera, late"]["rmse_m"], rel=1e-3)

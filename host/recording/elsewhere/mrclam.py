@@ -9,6 +9,7 @@ deviations of its readings of robots by range, the odometry's as a least-squares
 error over 5 s, about as long as a teammate stays known without a new reading.
 """
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -129,7 +130,10 @@ def read_source(source: str) -> tuple[Path, Landmarks]:
 
 
 def load_dataset(folder: str | Path) -> Dataset:
-    """Read a dataset. Raises UserError naming file and line for what is missing or torn."""
+    """Read a dataset, the same one once only; it is not to be changed.
+
+    Raises UserError naming file and line for what is missing or torn.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(
@@ -137,6 +141,13 @@ def load_dataset(folder: str | Path) -> Dataset:
             "no such folder",
             "unpack a dataset from asrl.utias.utoronto.ca/datasets/mrclam and give its folder",
         )
+    files = ((file.name, file.stat().st_mtime_ns) for file in folder.glob("*.dat"))
+    return _read(folder, tuple(sorted(files)))
+
+
+@functools.lru_cache(maxsize=1)
+def _read(folder: Path, files: tuple[tuple[str, int], ...]) -> Dataset:
+    """files: names and times of what is in the folder, so that what has changed is read again."""
     subjects = {
         int(barcode): int(subject) for subject, barcode in _table(folder, "Barcodes.dat", 2)
     }
