@@ -1,13 +1,19 @@
 """`swarmloc drive` as a person meets it."""
 
 import json
+import math
 import re
+import signal
+import time
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from websockets.sync.client import connect
 
 from host.cli.main import main
+
+LONG_S = 40.0  # a bound on waiting, not on speed
 
 
 def test_keys_drive_a_simulated_robot_and_x_ends_it(on_screen):
@@ -78,3 +84,26 @@ def test_driving_by_the_page_needs_the_page_and_the_lidar() -> None:
         run = CliRunner().invoke(main, ["run", "--simulate", "--drive", *options])
         assert run.exit_code == 2
         assert wanted in run.output
+
+
+def test_who_has_the_address_with_the_token_drives_by_the_page(on_screen) -> None:
+    room = "arena4:robots=1,posts=0,side_m=6,seed=3"
+    screen = on_screen("run", "--simulate", room, "--drive", "--view", "127.0.0.1:0")
+    screen.wait_for(lambda text: re.search(r"driver +ok +driving", text))
+    address = re.search(r"http://(\S+/)(\?token=\S+)", screen.text)
+    assert address is not None
+    server, token = address.groups()
+    with (
+        connect(f"ws://{server}stream{token}") as stream,
+        connect(f"ws://{server}drive{token}") as hand,
+    ):
+        begin = end = json.loads(stream.recv(timeout=LONG_S))["pose"]
+        until = time.monotonic() + LONG_S
+        while math.hypot(end["x"] - begin["x"], end["y"] - begin["y"]) < 0.05:
+            assert time.monotonic() < until
+            for _ in range(5):
+                hand.send('{"ahead": 1, "left": 0}')
+                time.sleep(0.03)
+            end = json.loads(stream.recv(timeout=LONG_S))["pose"]
+    screen.send(signal.SIGINT)
+    assert screen.end() == 0
