@@ -20,6 +20,8 @@ _RATE_RADPS = 1.8
 _WALK_MPS, _SLOW_MPS = 0.3, 0.15
 _NEAR_M = 0.6  # to a teammate's middle: near enough
 _STEP_S = 5.0  # at the most, of what is no rotation
+_BLOCKED_M = 0.7 * AHEAD_M  # straight ahead
+_MOVES_MPS, _STUCK_S = 0.03, 0.8  # so long slower: safety lets it go no further
 _AIM_RAD = math.radians(10.0)  # so well it turns to where room is
 _AHEAD_RAD = math.radians(50.0)  # a teammate further aside is turned to before it drives
 
@@ -41,6 +43,7 @@ _PROGRAM: tuple[float | tuple[float, float] | str, ...] = (
     "far",
     (-_SLOW_MPS, 0.3),
 )
+_QUICK = ("far", (_WALK_MPS, 0.5), (_WALK_MPS, -0.5))  # parts that make way
 
 
 class Survey:
@@ -52,6 +55,7 @@ class Survey:
         self._began: tuple[float, float] | None = None  # time and heading
         self._free = 0.0  # heading of the most room, when it was looked for
         self._turning = False  # to there
+        self._moved = -math.inf  # when it last moved on
         self._ended = threading.Event()
         self._way_m = 0.0
         self._time = math.inf
@@ -79,9 +83,10 @@ class Survey:
 
     def _begin_next(self, now: Situation) -> None:
         self._number = (self._number + (self._began is not None)) % len(_PROGRAM)
-        if self._ended.is_set() and isinstance(_PROGRAM[self._number], float):
+        while self._ended.is_set() and _PROGRAM[self._number] not in _QUICK:
             self._number = (self._number + 1) % len(_PROGRAM)  # only ways are lacking
         self._began = now.time, now.pose[2]
+        self._moved = now.time
         self._free = now.pose[2] + roomiest(now)
         self._turning = _PROGRAM[self._number] == "far"
 
@@ -92,13 +97,19 @@ class Survey:
         if now.time - began >= _STEP_S:
             return True
         if part == "near":
-            return _nearest_mate(now)[0] < _NEAR_M or now.nearest(0.0, SIDE / 2) < 0.7 * AHEAD_M
+            return _nearest_mate(now)[0] < _NEAR_M or now.nearest(0.0, SIDE / 2) < _BLOCKED_M
         backward = isinstance(part, tuple) and part[0] < 0.0
         return backward and now.nearest(math.pi, SIDE) < AHEAD_M
 
     def _in_free_space(self, now: Situation, part: tuple[float, float] | str) -> Command:
-        """The curve, or straight on; what comes in its way it turns from, to the most room."""
-        if not self._turning and now.nearest(0.0, SIDE) < AHEAD_M:
+        """The curve, or straight on; what comes in its way it turns from, to the most room.
+
+        What is beside that way does not turn it again, or in a crowd it would never drive on.
+        """
+        if abs(now.speed_mps) > _MOVES_MPS or self._turning:
+            self._moved = now.time
+        stuck = now.time - self._moved > _STUCK_S
+        if not self._turning and (stuck or now.nearest(0.0, SIDE / 2) < _BLOCKED_M):
             self._turning, self._free = True, now.pose[2] + roomiest(now)
         goal = float(wrap(self._free - now.pose[2]))
         self._turning = self._turning and abs(goal) > _AIM_RAD
