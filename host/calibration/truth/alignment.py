@@ -21,6 +21,7 @@ from host.calibration.robust.statistics import (
     normal_sigma,
     sandwich,
 )
+from host.calibration.truth.frame import frame_slip
 from host.calibration.truth.rates import (
     LEAST_OVERLAP_S,
     MOVING,
@@ -102,6 +103,11 @@ def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
         return np.asarray(first + (1.0 + found.drift) * (times - begin + lag))
 
     result = _refine(tracked, wheels, host)
+    rate = float(np.nanmean(np.abs(wheels.at(wheels.grid())[:, 1])))
+    if result.explained[0] >= _LEAST_EXPLAINED:  # else it is another drive's
+        slip = frame_slip(path, rate, result.factors[1])
+        if slip is not None:
+            raise _refused(path, *slip)
     _check(path, result, float(np.ptp(found.alike)))
     return result
 
@@ -155,7 +161,8 @@ def _refine(
     values = np.array([0.0, 0.0, *scale]) + found.x * _STEPS
     wrong = np.nan_to_num(misses(found.x)) * sigmas
     squares = np.mean(seen**2, axis=0)
-    left = np.where(squares > MOVING**2, np.mean(wrong**2, axis=0) / squares, 0.0)
+    missed = np.mean(wrong**2, axis=0) / np.maximum(squares, 1e-12)
+    left = np.where(squares > MOVING**2, missed, 0.0)
     explained = np.clip(1.0 - left, 0.0, 1.0)
     ends = host(np.array([middle, middle + 1.0]))
     return ClockAlignment(

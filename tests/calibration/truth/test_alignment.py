@@ -118,3 +118,58 @@ def test_units_that_are_not_those_said_are_named(scale, words):
     path, wheels = both(random, path_of(*wandering(random)))
     with pytest.raises(UserError, match=words):
         align_clocks(BodyPath("r", path.times, path.poses * scale), wheels)
+
+
+def slipped(change):
+    random = np.random.default_rng(3)
+    path, wheels = both(random, path_of(*wandering(random)), drift=0.0)
+    poses = path.poses.copy()
+    change(poses)
+    return BodyPath("r", path.times, poses), wheels
+
+
+def exchanged(poses):
+    poses[:, [0, 1]] = poses[:, [1, 0]]
+
+
+def of_a_compass(poses):
+    poses[:, 2] = np.mod(math.pi / 2.0 - poses[:, 2], math.tau)
+
+
+def in_degrees(poses):
+    poses[:, 2] = np.degrees(np.mod(poses[:, 2] + math.pi, math.tau) - math.pi)
+
+
+def left_handed(poses):
+    poses[:, 1:] *= -1.0
+
+
+def unchanged(poses):
+    poses[:, 2] = 0.4
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (exchanged, "its places are mirrored"),
+        (of_a_compass, "its headings count clockwise, as a compass does"),
+        (in_degrees, "it looks like degrees"),
+        (left_handed, "it rotates to the right where the wheels rotate the robot to the left"),
+        (unchanged, "its heading stays the same while the wheels rotate"),
+    ],
+)
+def test_other_axes_and_headings_are_named(change, words):
+    with pytest.raises(UserError) as caught:
+        align_clocks(*slipped(change))
+    assert words in str(caught.value)
+
+
+def test_a_body_that_is_turned_on_the_robot_or_driven_backwards_is_no_slip():
+    def turned(poses):
+        poses[:, 2] += 2.5
+
+    align_clocks(*slipped(turned))
+    random = np.random.default_rng(5)
+    speeds, rates = wandering(random)
+    path, wheels = both(random, path_of(-speeds, rates), drift=0.0)
+    align_clocks(path, wheels)
