@@ -86,7 +86,7 @@ def replay(
 
     def once(player: Player) -> Replayed:
         return replay_recording(
-            recording, robot, sensors, [player.take], from_bytes, used=player.used
+            recording, robot, sensors, [player.take], from_bytes, player.used, view is not None
         )
 
     with contextlib.ExitStack() as stack:
@@ -99,7 +99,7 @@ def replay(
             state = State(f"{file} (recorded)", robot.filter.profile, sensors)
             viewer = None
             if view not in (None, NO_VIEW):
-                scene = Scene(robot, robot.filter.profile, playback=playback)
+                scene = Scene(robot, robot.filter.profile, recording.cameras, playback)
                 viewer = stack.enter_context(Viewer(scene, *view))
                 state.page = viewer.url
             done = play(once, playback, state, viewer)

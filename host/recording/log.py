@@ -33,6 +33,7 @@ from host.recording.appended import AppendedFile, AppendedMcap, DirectFile
 from host.recording.checked import CheckedMcap, is_mcap
 from host.recording.records import TOPIC, TYPE, Packer
 from host.recording.ros.cdr import nanoseconds
+from host.recording.ros.pictures import Pictures
 from host.recording.ros.topics import Topics
 
 FORMAT_VERSION = 2
@@ -186,13 +187,15 @@ def _version(package: str) -> str:
 class Recording:
     """A recording on disk, or one of the JSON lines that swarmloc wrote before.
 
-    remarks: in words, what is not as it should be but costs nothing of what was written: known once
-    `messages` has ended. Raises UserError for a file that is none or cannot be read.
+    remarks: in words, what is not as it should be but costs nothing of what was written; cameras:
+    those of which it has pictures. Both are known once `messages` has ended. Raises UserError for a
+    file that is none or cannot be read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.remarks: list[str] = []
+        self.cameras: list[str] = []
         self.share = 0.0  # of the file that `messages` has read
         self._old = None if is_mcap(self.path) else json_lines.JsonLines(self.path)
         if self._old is not None:
@@ -201,18 +204,25 @@ class Recording:
         about, self._layout = self._about()
         self.header = _header(self.path, about, FORMAT_VERSION)
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self, with_pictures: bool = False) -> Iterator[Message]:
         """Yield the messages in the order they were written.
 
-        Raises UserError where the file is damaged, after the messages before the damage.
+        with_pictures: also those of the cameras, which no localizer reads. Raises UserError where
+        the file is damaged, after the messages before the damage.
         """
         if self._old is not None:
             yield from self._old.messages()
             self.remarks = ["its last line is torn: the run was cut short"] * self._old.torn
             return
         file = CheckedMcap(self.path)
-        for _, data in file.records():
-            if not data.startswith((HEADER, END)):
+        pictures = Pictures(self.header.unix_s)
+        for record, data in file.all_records():
+            if data is None:
+                picture = pictures.take(record)
+                self.cameras = sorted(pictures.cameras)
+                if picture is not None and with_pictures:
+                    yield picture
+            elif not data.startswith((HEADER, END)):
                 with file.checking():
                     made = content.decode(data, self._layout)
                 self.share = file.share

@@ -109,17 +109,18 @@ def replay_recording(
     watchers: Sequence[Watcher] = (),
     from_bytes: bool = False,
     used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
+    with_pictures: bool = False,
 ) -> Replayed:
     """Run a recording through the localizer to its end or to its damage, as fast as possible.
 
     robot, sensors: the recording's own where None. watchers: called with each message, None after
     the last, and the estimates made of it. from_bytes: decode the devices' bytes again. used:
-    called with each measurement and what was found in it.
+    called with each measurement and what was found in it. with_pictures: watchers get these, too.
     """
     header = recording.header
     robot, sensors = robot or header.config, sensors or header.sensors
     comparison = Comparison()
-    readable = _Readable(recording, from_bytes)
+    readable = _Readable(recording, from_bytes, with_pictures)
     seen = Reinterpretation(header.config, robot)
     messages = map(seen.of, readable.messages())
     figures = _replay(messages, robot, sensors, [comparison.take, *watchers], used)
@@ -143,10 +144,11 @@ def replay_recording(
 class _Readable:
     """The messages of a recording up to its damage, if there is any."""
 
-    def __init__(self, recording: Recording, from_bytes: bool) -> None:
+    def __init__(self, recording: Recording, from_bytes: bool, with_pictures: bool) -> None:
         self.damage: UserError | None = None
         self._recording = recording
         self._from_bytes = from_bytes
+        self._with_pictures = with_pictures
 
     def messages(self) -> Iterator[Message]:
         """Yield them."""
@@ -157,7 +159,7 @@ class _Readable:
 
     def _sound(self) -> Iterator[Message]:
         try:
-            yield from self._recording.messages()
+            yield from self._recording.messages(self._with_pictures)
         except UserError as error:
             self.damage = error
 

@@ -130,6 +130,20 @@ def test_what_is_read_is_bit_for_bit_what_was_written(content, tmp_path_factory)
     assert not recording.remarks
 
 
+def test_pictures_are_read_by_who_asks_for_them(tmp_path):
+    header = dataclasses.replace(HEADER, unix_s=1_764_000_000.123456)
+    pictures = [Picture(1.5, "rear", b"\xff\xd8 one"), Picture(38_000.25, "front", b"")]
+    path = write(tmp_path / "a.mcap", [pictures[0], *some_messages(), pictures[1]], header)
+    recording = Recording(path)
+    assert not any(isinstance(message, Picture) for message in recording.messages())
+    assert recording.cameras == ["front", "rear"]
+    first, *others, last = recording.messages(with_pictures=True)
+    assert len(others) == len(some_messages())
+    for found, picture in zip((first, last), pictures, strict=True):
+        assert found.time == pytest.approx(picture.time, abs=1e-6)
+        assert dataclasses.replace(found, time=picture.time) == picture
+
+
 def test_estimates_are_rounded_to_what_anyone_would_draw(tmp_path):
     random = np.random.default_rng(5)
     sigmas, sides = 10.0 ** random.uniform(-4, 1, (2, 300))

@@ -14,6 +14,7 @@ from host.messages import (
     Estimate,
     Measurement,
     Message,
+    Picture,
     Positions,
     Truth,
 )
@@ -21,6 +22,8 @@ from host.pipeline import Now
 from host.sessions.replaying import Replayed
 from host.viewer.playback import Playback, SeekBackError
 from host.viewer.server import Viewer
+
+_SAME_S = 1e-3  # a picture's time is rounded
 
 
 class EndedError(Exception):
@@ -41,6 +44,8 @@ class Player:
         self._ended = ended
         self._next_frame = time.monotonic()
         self._estimate: Estimate | None = None
+        self._halves: dict[str, dict[type, Message]] = {}  # by camera: its newest messages
+        self._pictures: dict[str, tuple[bytes, Bearings]] = {}  # by camera, to be shown
         self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
 
     def take(self, message: Message | None, made: Sequence[Estimate]) -> None:
@@ -51,6 +56,8 @@ class Player:
                 self.show()
         if isinstance(message, Truth):
             self._truths.append(message)
+        elif isinstance(message, Picture | Bearings):
+            self._note_picture(message)
         if message is not None:
             self._console.take(message)
             if self._viewer is not None:
@@ -81,7 +88,19 @@ class Player:
             self._console.look(now)
             if self._viewer is not None:
                 self._viewer.look(now)
+                for picture in self._pictures.values():  # who asks may come while it rests
+                    self._viewer.show(*picture)
         self._console.draw()
+
+    def _note_picture(self, message: Picture | Bearings) -> None:
+        """Of each camera keep the newest picture whose bearings are known; either comes first."""
+        pair = self._halves.setdefault(message.camera, {})
+        pair[type(message)] = message
+        picture, seen = pair.get(Picture), pair.get(Bearings)
+        if not (isinstance(picture, Picture) and isinstance(seen, Bearings)):
+            return
+        if abs(picture.time - seen.time) < _SAME_S:
+            self._pictures[message.camera] = picture.jpeg, seen
 
 
 def play(

@@ -52,3 +52,26 @@ class CdrBuilder:
 
     def _align(self, size: int) -> None:
         self._data += bytes(-(len(self._data) - len(_LITTLE_ENDIAN)) % size)
+
+
+class CdrReader:
+    """Takes the fields of a message, one after the other. Raises struct.error where it is short."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._place = len(_LITTLE_ENDIAN)
+
+    def number(self, kind: str) -> Any:
+        """A number: a letter of `struct`, as "d" for float64."""
+        size = struct.calcsize(f"<{kind}")
+        self._place += -(self._place - len(_LITTLE_ENDIAN)) % size
+        (value,) = struct.unpack_from(f"<{kind}", self._data, self._place)
+        self._place += size
+        return value
+
+    def octets(self) -> bytes:
+        """A sequence of bytes, or a text with the zero byte at its end."""
+        length = self.number("I")
+        (octets,) = struct.unpack_from(f"{length}s", self._data, self._place)
+        self._place += length
+        return bytes(octets)

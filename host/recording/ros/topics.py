@@ -25,6 +25,7 @@ from host.messages import (
     Truth,
 )
 from host.recording.ros.cdr import CdrBuilder, nanoseconds
+from host.recording.ros.pictures import picture_topic
 
 # At least, between two.
 SCAN_S, TRANSFORM_S, ODOMETRY_S, TEAMMATES_S, MARKERS_S = 0.2, 0.25, 0.5, 0.2, 1.5
@@ -222,7 +223,7 @@ class Topics:
         self._header(cdr, picture.time, f"{picture.camera}_camera")
         cdr.text("jpeg")
         cdr.octets(picture.jpeg)
-        topic = f"/camera/{picture.camera}/image/compressed"
+        topic = picture_topic(picture.camera)
         return Published(topic, "sensor_msgs/msg/CompressedImage", cdr.data)
 
 
