@@ -26,6 +26,11 @@ from host.systems.id_phd.naming import Naming
 
 # A thread that wakes waits so long for one that computes; Python's own 5 ms would add up.
 _SWITCH_S = 0.0005
+_NO_PICTURES = UserError(
+    "there are no pictures to record",
+    "no camera is in use, or simulated ones give bearings alone",
+    "name cameras in robot.toml; simulate pictures with arena4:rendered=1",
+)
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 
 
@@ -99,10 +104,13 @@ def run_devices(
         if record is not None:
             unix_s = time.time() - time.monotonic()
             header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
+            if rig.record_pictures and not rig.cameras:
+                raise _NO_PICTURES
             recorder = stack.enter_context(BackgroundRecorder(record, header))
             all_sinks["recording"] = recorder.write
             if rig.record_pictures:
-                _record_pictures(rig, recorder)
+                for camera in rig.cameras:
+                    camera.watchers.append(recorder.picture)
         if rig.link is not None and naming is not None:
             all_sinks |= {"link": rig.link.take, "naming": naming.take}
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
@@ -149,18 +157,6 @@ def _short_pauses() -> Iterator[None]:
     finally:
         gc.unfreeze()
         sys.setswitchinterval(before)
-
-
-def _record_pictures(rig: Rig, recorder: BackgroundRecorder) -> None:
-    """Have every picture that is searched recorded. Raises UserError where there are none."""
-    if not rig.cameras:
-        raise UserError(
-            "there are no pictures to record",
-            "no camera is in use, or simulated ones give bearings alone",
-            "name cameras in robot.toml; simulate pictures with arena4:rendered=1",
-        )
-    for camera in rig.cameras:
-        camera.watchers.append(recorder.picture)
 
 
 def _watch(

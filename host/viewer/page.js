@@ -1,9 +1,6 @@
-"use strict";
-const LAYERS = {scan: "lidar", candidates: "candidates", bearings: "bearings", trails: "trails", truth: "truth"};
 const TRAIL_S = 12, STRIP_S = 60, LOST_MS = 1500, OLD_S = 1, SILENT_S = 0.6;
 const at = id => document.getElementById(id);
 const map = at("map"), pen = map.getContext("2d");
-const shown = Object.fromEntries(Object.keys(LAYERS).map(name => [name, true]));
 // x, y: pixels by which the robot is off the middle; scale: pixels a metre.
 const view = {x: 0, y: 0, scale: 120, northUp: false, paused: false, measuring: false, ruler: []};
 let scene = null, heard = 0;
@@ -194,7 +191,7 @@ function tell() {
   const devices = JSON.stringify(scene.devices.map(({name, ok, reason}) => [name, ok, reason]));
   if (at("devices").dataset.told !== devices) at("devices").replaceChildren(...scene.devices.flatMap(({name, ok, reason}) => {
     const term = document.createElement("dt"), detail = document.createElement("dd");
-    term.textContent = name; detail.textContent = (ok ? "ok  " : "DOWN  ") + reason;
+    term.textContent = name; detail.textContent = (ok ? "ok: " : "DOWN: ") + reason.trim().split("\n").join("; ");
     detail.className = ok ? "" : "bad";
     return [term, detail];
   }));
@@ -228,7 +225,7 @@ function drawStrip({canvas, value, column, decimals}) {
   const ratio = window.devicePixelRatio || 1, strip = canvas.getContext("2d");
   const width = canvas.width = canvas.clientWidth * ratio, height = canvas.height = canvas.clientHeight * ratio;
   const top = Math.max(1, ...history.map(row => row[column]));
-  value.textContent = history.at(-1)[column].toFixed(decimals) + "  of " + top.toFixed(decimals);
+  value.textContent = history.at(-1)[column].toFixed(decimals) + ", at most " + top.toFixed(decimals);
   strip.beginPath();
   history.forEach((row, k) => strip[k ? "lineTo" : "moveTo"](
     width * (1 - (scene.time - row[0]) / STRIP_S), (height - 2 * ratio) * (1 - row[column] / top) + ratio));
@@ -287,12 +284,7 @@ map.onpointermove = event => {
 map.onpointerup = map.onpointercancel = event => fingers.delete(event.pointerId);
 map.addEventListener("wheel", event => { zoom(Math.exp(-event.deltaY / 500), [event.offsetX, event.offsetY]); event.preventDefault(); }, {passive: false});
 
-for (const [name, text] of Object.entries(LAYERS)) {
-  const label = document.createElement("label"), box = document.createElement("input");
-  box.type = "checkbox"; box.checked = true; box.name = name;
-  box.onchange = () => { shown[name] = box.checked; draw(); };
-  label.append(box, " " + text); at("layers").append(label);
-}
+offerLayers();
 for (const media of ["(prefers-color-scheme: dark)", "print"])
   matchMedia(media).addEventListener("change", () => { readColours(); draw(); });
 window.addEventListener("resize", draw);

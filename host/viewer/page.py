@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 
-_PARTS = ("page.css", "page.js", "pictures.js", "playback.js")
+_PARTS = ("page.css", "layers.js", "page.js", "pictures.js", "playback.js")
 
 
 def page(driven: bool = False) -> str:

@@ -137,9 +137,13 @@ def _bearings_at(path: Path, time: float, seen: Bearings) -> dict[str, Any]:
 
 
 def blobs(seen: Bearings) -> dict[str, Any]:
-    """What was found in a camera's picture, for who is shown it: pixels, rad, m."""
+    """What was found in a camera's picture, for who is shown it: pixels, rad, m.
+
+    Nothing, where it is not known at which pixels.
+    """
+    found = seen.bearings[: 0 if seen.pixels is None else None]
     pixels = np.zeros((0, 2)) if seen.pixels is None else seen.pixels
-    ranges = np.full(len(pixels), np.nan) if seen.ranges is None else seen.ranges
+    ranges = np.full(len(found), np.nan) if seen.ranges is None else seen.ranges[: len(found)]
     return {
         "camera": seen.camera,
         "time": _figure(seen.time),
@@ -150,7 +154,7 @@ def blobs(seen: Bearings) -> dict[str, Any]:
                 "direction": _figure(angle),
                 "range": _figure(range_m),
             }
-            for (x, y), angle, range_m in zip(pixels, wrap(seen.bearings), ranges, strict=True)
+            for (x, y), angle, range_m in zip(pixels, wrap(found), ranges, strict=True)
         ],
     }
 

@@ -14,6 +14,11 @@ import cv2
 import numpy as np
 import pytest
 
+from host.config import RobotConfig
+from host.messages import Bearings, Picture
+from host.recording.log import Recorder, RecordingHeader
+from host.sessions.runs import simulated
+from host.simulation.world.scenarios import parse_scenario
 from tests.viewer import scenes
 
 DOC = (Path(__file__).resolve().parents[2] / "docs" / "stream.md").read_text()
@@ -82,7 +87,7 @@ def test_it_says_in_words_what_it_draws(served, browser):
     assert rows[0] == ["1", "1.12", "27", "30", "0.90", "0.1", "0"]
     assert rows[1][:3] == ["2", "2.00", "-90"]
     said = browser.driver.execute_script("return document.getElementById('devices').textContent")
-    assert said == "lidarDOWN  scanning"
+    assert said == "lidarDOWN: scanning"
     assert browser.driver.find_element("id", "state").text == "live"
 
 
@@ -185,13 +190,17 @@ def test_pictures_are_drawn_with_their_blobs_while_they_are_wanted(served, brows
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory):
     """The address of a page on which eight recorded seconds are replayed, and the run's output."""
-    path = tmp_path_factory.mktemp("replay") / "short.swarmloc"
-    command = [sys.executable, "-u", "-m", "host.cli"]
-    record = ["simulate", "arena4:seconds=8,seed=2", "--output", str(path)]
-    subprocess.run([*command, *record], check=True, stdout=subprocess.DEVNULL)
-    with subprocess.Popen(
-        [*command, "replay", str(path), "--view", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
-    ) as run:
+    path = tmp_path_factory.mktemp("replay") / "short.mcap"
+    simulation, messages = simulated(parse_scenario("arena4:seconds=8,seed=2"), RobotConfig())
+    jpeg = cv2.imencode(".jpg", np.full((30, 40, 3), 90, dtype=np.uint8))[1].tobytes()
+    with Recorder(path, RecordingHeader(simulation.config, "lidar+camera")) as recorder:
+        for message in messages:
+            if isinstance(message, Bearings):
+                message = dataclasses.replace(message, camera="front")
+                recorder.write(Picture(message.time, "front", jpeg))
+            recorder.write(message)
+    replay = [sys.executable, "-u", "-m", "host.cli", "replay", str(path), "--view", "127.0.0.1:0"]
+    with subprocess.Popen(replay, stdout=subprocess.PIPE, text=True) as run:
         yield next(filter(None, (re.findall(r"http://\S+", line) for line in run.stdout)))[0]
         run.terminate()
         rest = run.communicate()[0]
@@ -207,6 +216,9 @@ def test_a_recording_is_played_paused_stepped_and_sought_on_the_page(replayed, b
     driver.find_element("tag name", "body").send_keys(" ")
     browser.wait_for("!scene.playback.playing && at('play').textContent === 'play'")
     before = driver.execute_script("return scene.playback.now")
+    driver.find_element("id", "pictures").click()  # those of where it stands
+    shown = browser.wait_for("document.querySelector('#cameras canvas').dataset.time")
+    assert before - 0.5 < float(shown) < before
     driver.find_element("id", "step").click()
     stepped = browser.wait_for(f"scene.playback.now > {before} && scene.playback.now")
     assert stepped < before + 0.5
