@@ -24,6 +24,7 @@ from host.viewer.playback import Playback, SeekBackError
 from host.viewer.server import Viewer
 
 _SAME_S = 1e-3  # a picture's time is rounded
+_RECENT = 100  # pictures and bearings: some 2 s of both cameras
 
 
 class EndedError(Exception):
@@ -44,7 +45,7 @@ class Player:
         self._ended = ended
         self._next_frame = time.monotonic()
         self._estimate: Estimate | None = None
-        self._halves: dict[str, dict[type, Message]] = {}  # by camera: its newest messages
+        self._recent: deque[Picture | Bearings] = deque(maxlen=_RECENT)
         self._pictures: dict[str, tuple[bytes, Bearings]] = {}  # by camera, to be shown
         self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
 
@@ -93,14 +94,19 @@ class Player:
         self._console.draw()
 
     def _note_picture(self, message: Picture | Bearings) -> None:
-        """Of each camera keep the newest picture whose bearings are known; either comes first."""
-        pair = self._halves.setdefault(message.camera, {})
-        pair[type(message)] = message
-        picture, seen = pair.get(Picture), pair.get(Bearings)
-        if not (isinstance(picture, Picture) and isinstance(seen, Bearings)):
-            return
-        if abs(picture.time - seen.time) < _SAME_S:
-            self._pictures[message.camera] = picture.jpeg, seen
+        """Find a picture's bearings, or the picture of these: either may come first.
+
+        Where the computer was busy, that was seconds before.
+        """
+        other = Bearings if isinstance(message, Picture) else Picture
+        for each in self._recent:
+            alike = isinstance(each, other) and each.camera == message.camera
+            if alike and abs(each.time - message.time) < _SAME_S:
+                picture, seen = (message, each) if other is Bearings else (each, message)
+                if isinstance(picture, Picture) and isinstance(seen, Bearings):
+                    self._pictures[message.camera] = picture.jpeg, seen
+                return
+        self._recent.append(message)
 
 
 def play(
