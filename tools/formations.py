@@ -166,9 +166,9 @@ class Formed:
 
 def run(case: Case) -> Formed:
     """Let the robots of one case form."""
-    base = "enclosure7:" if case.formation == "enclose" else "formation6:side_m=5,"
+    base = "enclosure7" if case.formation == "enclose" else "formation6"
     scenario = parse_scenario(
-        f"{base}behaviour={case.formation},seconds={case.seconds},seed={case.seed}"
+        f"{base}:behaviour={case.formation},seconds={case.seconds},seed={case.seed}"
     )
     own = scenario.robots - scenario.intruders
     middle = 0.5 * case.seconds

@@ -21,6 +21,7 @@ _WALK_MPS, _SLOW_MPS = 0.3, 0.15
 _NEAR_M = 0.6  # to a teammate's middle: near enough
 _STEP_S = 5.0  # at the most, of what is no rotation
 _BLOCKED_M = 0.7 * AHEAD_M  # straight ahead
+_TOO_NEAR_M = 0.36  # to a surface: safety lets it come no nearer
 _MOVES_MPS, _STUCK_S = 0.03, 0.8  # so long slower: safety lets it go no further
 _AIM_RAD = math.radians(10.0)  # so well it turns to where room is
 _AHEAD_RAD = math.radians(50.0)  # a teammate further aside is turned to before it drives
@@ -135,8 +136,12 @@ def _nearest_mate(now: Situation) -> tuple[float, float]:
 
 
 def roomiest(now: Situation) -> float:
-    """The bearing (rad) in which the robot can go on farthest; of equal ones the straightest."""
+    """The bearing (rad) in which the robot can go on farthest; of equal ones the straightest.
+
+    Safety lets it drive only away from what it is too near to.
+    """
     bearings = np.radians(np.arange(-180.0, 180.0, 15.0))
     room = np.array([min(now.nearest(b, SIDE / 2), 3.0) for b in bearings])
-    best: float = bearings[int(np.argmax(room - 0.1 * np.abs(wrap(bearings))))]
+    free = np.array([now.nearest(b, math.pi / 2) > _TOO_NEAR_M for b in bearings])
+    best: float = bearings[int(np.argmax(room * free - 0.1 * np.abs(wrap(bearings))))]
     return float(best)
