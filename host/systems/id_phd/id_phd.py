@@ -7,7 +7,7 @@ What differs from the paper, and why:
   hypothesis, which dies when another fits better: for every identity one track, or nowhere yet.
   Two identities never have one robot. A tag may start anew at any reading.
 - Eq. 14-15 write the total displacement q: here increments.
-- False things (id -2) stand. They are born with a share of their own.
+- False things (id -2) stand, and are rows of a hypothesis like robots, without names.
 - lambda c(z) of eq. 11 is not 0. Birth, survival, pruning, which are not given, are settings.
 - Robots that send nothing for long leave N^{1:t}.
 """
@@ -206,8 +206,10 @@ class IdPhd:
         after = after_frame(old, chosen, weights, positions, covariances)
         new = started(
             [
-                (int(row), self._bank(int(row), positions[reading], covariances[reading]))
-                for row, reading in zip(which[~go_on] - len(old), read[~go_on] - 1, strict=True)
+                (row, self._bank(row, positions[reading - 1], covariances[reading - 1]))
+                for row, reading in zip(
+                    (which[~go_on] - len(old)).tolist(), read[~go_on].tolist(), strict=True
+                )
             ]
         )
         self._tracks = merged(pruned(side_by_side(after, new)))
@@ -241,7 +243,7 @@ class IdPhd:
         self._hypotheses = renamed(self._hypotheses, names)
         used = np.unique(self._hypotheses.tracks)
         used = used[used != NOWHERE]
-        numbers = np.full(len(self._tracks), NOWHERE)
+        numbers = np.full(len(self._tracks) + 1, NOWHERE)
         numbers[used] = np.arange(len(used))
-        self._hypotheses = renamed(self._hypotheses, numbers)
+        self._hypotheses = replace(self._hypotheses, tracks=numbers[self._hypotheses.tracks])
         self._tracks = self._tracks.only(used)
