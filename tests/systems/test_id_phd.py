@@ -129,32 +129,35 @@ def test_the_bank_covers_every_heading():
         assert np.abs(wrap(bank.means[:, 2] - heading)).min() < 1.3 * sigma
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_robots_are_named_within_ten_seconds(seed):
-    score = overhead_score(OverheadScenario(seed=seed, seconds=5.0))
-    assert score["converged_s"] < 4.0
-    assert score["error_m"] < 0.03
+def test_robots_are_named_within_ten_seconds():
+    score = overhead_score(OverheadScenario(seed=1, seconds=4.0))
+    assert score["converged_s"] < 3.0
+    assert score["error_m"] < 0.02
     assert score["heading_deg"] < 4.0
 
 
 def test_robots_that_move_alike_stay_unnamed_until_they_part():
-    scenario = OverheadScenario(seed=3, seconds=6.0, alike_s=3.0, false_things=0)
-    found = looks(scenario)
-    together = [sample for look in found[:15] for sample in look[:2]]
+    found = looks(OverheadScenario(seed=3, seconds=5.0, alike_s=2.6, false_things=0))
+    together = [sample for look in found[:13] for sample in look[:2]]
     assert max(sample.probability for sample in together) < 0.9
     assert all(sample.probability > 0.9 and sample.right for sample in found[-1][:2])
 
 
 def test_a_robot_that_stands_may_be_a_false_thing():
-    scenario = OverheadScenario(seed=4, seconds=3.0, standing=1, false_things=1)
-    score = overhead_score(scenario)
-    assert score["standing"] < 0.9
-    assert score["error_m"] < 0.05
+    found = looks(OverheadScenario(seed=4, seconds=2.4, standing=1))
+    assert max(look[2].probability for look in found) < 0.9
+    assert all(sample.probability > 0.9 and sample.right for sample in found[-1][:2])
+
+
+def test_wrong_tags_heal():
+    """Early on the right hypothesis is lost among many; tags that are exchanged bring it back."""
+    scenario = OverheadScenario(seed=3, seconds=4.0, standing=1)
+    assert all(sample.probability > 0.9 and sample.right for sample in looks(scenario)[-1][:2])
 
 
 def test_recorded_robots_are_named_by_their_odometry(recorded):
     dataset = load_dataset(recorded("mrclam6"))
-    found = figures(observer_samples(dataset, 5, until_s=100.0))
+    found = figures(observer_samples(dataset, 5, until_s=90.0))
     assert found["reported"] > 0.3
     assert found["right"] > 0.5
     assert found["error_m"] < 0.15
@@ -215,7 +218,7 @@ def test_the_filter_as_printed_runs_on_the_same_source():
     """It names robots, too; how well is for the documentation."""
     (row,) = (
         row
-        for row in score_systems(["overhead:seed=1,seconds=2"], ["id_phd"])
+        for row in score_systems(["overhead:seed=1,seconds=1"], ["id_phd"])
         if row.variant == "printed"
     )
     assert row.figures["error_m"] < 2.0 or math.isinf(row.figures["error_m"])

@@ -58,7 +58,7 @@ class Swarm:
         return wrap(self.poses[robot, 2] - self.own[2])
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1])
 def test_labels_get_the_names_and_headings_of_their_robots(seed):
     swarm = Swarm(seed)
     for _ in range(80):
@@ -80,7 +80,7 @@ def test_who_is_not_heard_has_no_name():
 
 def test_a_robot_that_starts_again_is_recognized_anew():
     swarm = Swarm(3)
-    for _ in range(60):
+    for _ in range(40):
         swarm.step()
     still = Displacement(swarm.time, 0.0, 0.0, 0.0, 0.0)
     swarm.heard.append(Heard(5, still, restarted=True))

@@ -12,11 +12,12 @@ What differs from the paper, and why:
 - Robots that send nothing for long leave N^{1:t}.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import logsumexp, ndtr
 
 from host.geometry import Path
 from host.messages import Displacement, FloatArray, IntArray, Positions
@@ -41,6 +42,7 @@ from host.systems.id_phd.tracks import (
 )
 
 _NEAR_M = 0.3  # tracks of one identity that differ by less are one place
+_EXCHANGE_S = 1.0
 _EDGE_M, _EDGE_RAD = 0.1, 0.03  # how sharp the view ends
 _OWN = None  # the observer's own path
 
@@ -63,6 +65,7 @@ class IdPhd:
         self.identities: list[int] = []
         self._settings = settings
         self._paths: dict[int | None, Path] = {_OWN: Path()}
+        self._next_exchange = -math.inf
         self._reached: dict[int | None, float] = {}
         self._tracks = no_tracks()
         self._hypotheses = Hypotheses(np.full((1, settings.false_things), NOWHERE), np.zeros(1))
@@ -103,6 +106,7 @@ class IdPhd:
         frame = self._frame(weights, readings)
         given = associate(self._hypotheses, frame, self._settings.hypotheses)
         self._go_on(given, weights, readings.positions, covariances)
+        self._exchange_tags()
         self._forget_lost()
         self._join(same_track(self._tracks, self._hypotheses.masses(len(self._tracks))))
 
@@ -219,6 +223,37 @@ class IdPhd:
     def _bank(self, row: int, position: FloatArray, covariance: FloatArray) -> Poses:
         headings = 1 if row < self._settings.false_things else self._settings.headings
         return born(position, covariance, headings, np.array(self._settings.gain_sigmas))
+
+    # --- Healing
+
+    def _exchange_tags(self) -> None:
+        """Once a second, the likeliest hypothesis again with two tags exchanged, headings unknown.
+
+        So that what was pruned early, for lack of room, may come back.
+        """
+        if self._settings.exchange == 0.0 or self.time < self._next_exchange:
+            return
+        self._next_exchange = self.time + _EXCHANGE_S
+        best = int(np.argmax(self._hypotheses.log_weights))
+        tracks, means = self._hypotheses.tracks[best], self._tracks.means()
+        banks: list[tuple[int, Poses]] = []
+        added = []
+        for first, second in itertools.combinations(range(len(tracks)), 2):
+            one, other = tracks[first], tracks[second]
+            if NOWHERE in (one, other) or second < self._settings.false_things:
+                continue
+            changed = tracks.copy()
+            for row, place in ((first, other), (second, one)):
+                changed[row] = len(self._tracks) + len(banks)
+                position, spread = means.means[place, :2], means.covariances[place, :2, :2]
+                banks.append((row, self._bank(row, position, spread)))
+            added.append(changed)
+        if added:
+            weight = self._hypotheses.log_weights[best] + math.log(self._settings.exchange)
+            weights = np.append(self._hypotheses.log_weights, np.full(len(added), weight))
+            everything = np.vstack((self._hypotheses.tracks, *added))
+            self._hypotheses = Hypotheses(everything, weights - logsumexp(weights))
+            self._tracks = pruned(side_by_side(self._tracks, started(banks)))
 
     # --- Survival
 

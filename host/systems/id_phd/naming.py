@@ -18,6 +18,7 @@ SETTINGS = IdPhdSettings(
     reach_m=2.5,
     clutter=0.05,
     restart=2e-3,
+    exchange=0.01,
     alike=5.0,
     gain_sigmas=(0.03, 0.05, 0.03),
     hypotheses=150,

@@ -24,6 +24,7 @@ def overhead_settings(scenario: OverheadScenario) -> IdPhdSettings:
         false_things=scenario.false_things + 1,
         alike=5.0,  # a picture's error of attitude is in all of its readings
         restart=1e-3,
+        exchange=0.01,
         hypotheses=300,
     )
 

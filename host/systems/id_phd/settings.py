@@ -14,6 +14,7 @@ class IdPhdSettings:
     counts as one in so many. gain_sigmas: how wrong, as shares, may be the odometry's distance and
     rotation of a teammate, and the observer's rotation.
     false_things: at most at once; false_birth: how likely a reading is of a new one.
+    exchange: how likely, a second, two tags of the likeliest hypothesis are each other's.
     lost_m: sigma from which on a robot is nowhere. silent_s: without odometry for so long it has
     left. hypotheses: at most kept. known: readings have identities, to compare with.
     """
@@ -25,6 +26,7 @@ class IdPhdSettings:
     area_m2: float = 30.0
     headings: int = 12
     restart: float = 0.01
+    exchange: float = 0.0
     alike: float = 1.0
     gain_sigmas: tuple[float, float, float] = (0.02, 0.02, 0.02)
     false_things: int = 2
