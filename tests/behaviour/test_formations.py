@@ -150,7 +150,7 @@ def test_a_line_forms_though_robots_in_it_hide_each_other(seed: int) -> None:
     history = formed([Line()] * 6, scattered(6, seed), 45.0, in_sight)
     places = history[-1, :, :2] - history[-1, :, :2].mean(axis=0)
     axis = main_axis(places)
-    assert np.diff(np.sort(places @ axis)) == pytest.approx(np.full(5, Line().spacing_m), abs=0.15)
+    assert np.diff(np.sort(places @ axis)) == pytest.approx(np.full(5, Line().spacing_m), abs=0.12)
     assert places @ (-axis[1], axis[0]) == pytest.approx(np.zeros(6), abs=0.05)
     assert nearest(history, 6) > BODIES_TOUCH_M
 

@@ -36,6 +36,7 @@ def test_without_a_terminal_there_are_no_keys() -> None:
     ("command", "scenario"),
     [
         ("drive walk", "arena4:stacks=all"),
+        ("drive formation circle", "formation6"),
         ("run", "arena4:stacks=all"),
         ("run", "formation6"),
         ("run", "arena4:stacks=own"),

@@ -21,7 +21,7 @@ class Line:
     one keeps the spacing. One that leaves the line sees, and is seen, over its neighbour's turret.
     """
 
-    spacing_m: float = 0.65
+    spacing_m: float = 0.6
 
     def command(self, now: Situation) -> Command:
         """Never done. Without a teammate in sight it looks around."""
