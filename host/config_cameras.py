@@ -130,3 +130,11 @@ class Cameras(Section):
     front: Camera = Camera()
     rear: Camera = Camera(heading_rad=math.pi)
     strip: Strip = Strip()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rear_looks_back(cls, data: Any) -> Any:
+        """Whatever else a file says of the rear camera."""
+        if isinstance(data, dict) and isinstance(data.get("rear"), dict):
+            data = {**data, "rear": {"heading_rad": math.pi, **data["rear"]}}
+        return data

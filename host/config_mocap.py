@@ -2,7 +2,7 @@
 
 import ipaddress
 import math
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -35,6 +35,9 @@ class NatNet(Section):
         return self
 
 
+_OVERHEAD: dict[str, Any] = {"z_m": 2.5, "tilt_rad": math.pi / 2, "focal_px": 1400.0}
+
+
 class Ceiling(Section):
     """A camera under the ceiling that sees ArUco tags on the robots.
 
@@ -45,10 +48,18 @@ class Ceiling(Section):
 
     mains_hz: Literal[50, 60] = 50
     delay_s: float = Field(0.0, ge=0.0, le=2.0)
-    eye: Camera = Camera(z_m=2.5, tilt_rad=math.pi / 2, focal_px=1400.0)
+    eye: Camera = Camera(**_OVERHEAD)
     tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
     tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
     dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _camera_overhead(cls, data: Any) -> Any:
+        """What a file leaves out of the camera is as it is under a ceiling, not on a robot."""
+        if isinstance(data, dict) and isinstance(data.get("eye"), dict):
+            data = {**data, "eye": {**_OVERHEAD, **data["eye"]}}
+        return data
 
     @model_validator(mode="after")
     def _tags_below(self) -> Self:

@@ -76,6 +76,15 @@ def test_a_robot_says_only_what_differs() -> None:
     assert robot.camera == RobotConfig().camera
 
 
+def test_a_camera_of_which_a_file_says_little_is_mounted_as_where_it_is_used() -> None:
+    text = '[camera.rear]\nsource = "a"\n[mocap.ceiling.eye]\nsource = "b"\nz_m = 3.0\n'
+    robot, default = parse_config(text, "robot.toml"), RobotConfig()
+    assert robot.camera.rear == default.camera.rear.model_copy(update={"source": "a"})
+    eye = default.mocap.ceiling.eye.model_copy(update={"source": "b", "z_m": 3.0})
+    assert robot.mocap.ceiling.eye == eye
+    assert parse_config("[camera.rear]\nheading_rad = 3.0\n", "r").camera.rear.heading_rad == 3.0
+
+
 def test_a_configuration_does_not_change() -> None:
     with pytest.raises(ValidationError):
         RobotConfig().wheels.track_m = 1.0

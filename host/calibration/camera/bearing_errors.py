@@ -71,13 +71,18 @@ def shown_sectors(camera: Camera, height_m: float) -> list[int]:
     firsts = np.arange(-180, 180, SECTOR_DEG)
     middles = np.radians(firsts + 0.5 * SECTOR_DEG)
     points = points_around(middles, height_m)
-    x, y = View(camera).pixels_of(points.reshape(-1, 3)).T
-    with np.errstate(invalid="ignore"):
-        inside = (x >= 0.0) & (x < camera.width_px) & (y >= 0.0) & (y < camera.height_px)
-    inside = inside.reshape(len(firsts), -1).all(axis=1)
+    inside = in_picture(camera, View(camera).pixels_of(points.reshape(-1, 3)))
+    inside = np.asarray(inside.reshape(len(firsts), -1).all(axis=1))
     inside &= np.abs(wrap(middles - camera.heading_rad)) <= 0.5 * math.pi
     kept: list[int] = firsts[inside].tolist()
     return kept
+
+
+def in_picture(camera: Camera, pixels: FloatArray) -> BoolArray:
+    """Which of pixels (n, 2) are in the picture; nan is not."""
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= 0.0) & (pixels < (camera.width_px, camera.height_px))
+    return np.asarray(inside.all(axis=1))
 
 
 def sectors_of(fit: CameraFit, number: int, cameras: Cameras) -> list[BearingSector]:

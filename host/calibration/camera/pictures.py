@@ -10,6 +10,7 @@ from host.calibration.camera.bearing_errors import (
     BearingSector,
     bearing_errors,
     bearings_of,
+    in_picture,
 )
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
@@ -173,9 +174,8 @@ def _circle(camera: Camera, reach: Reach) -> Series:
     radius = float(Lens(camera).radius(np.array([reach.angle]))[0])
     x = camera.centre_x_px + radius * np.cos(around)
     y = camera.centre_y_px + radius * np.sin(around)
-    inside = (x >= 0.0) & (x < camera.width_px) & (y >= 0.0) & (y < camera.height_px)
     return Series(
-        x=np.where(inside, x, math.nan),
+        x=np.where(in_picture(camera, np.column_stack((x, y))), x, math.nan),
         y=camera.height_px - y,
         label=f"{math.degrees(reach.angle):.0f} deg off the axis",
         role="fitted",

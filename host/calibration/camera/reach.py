@@ -9,7 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.camera.bearing_errors import bearing_errors, bearing_sigmas, points_around
+from host.calibration.camera.bearing_errors import (
+    bearing_errors,
+    bearing_sigmas,
+    in_picture,
+    points_around,
+)
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import draw, row_of
 from host.config import Cameras
@@ -55,10 +60,9 @@ def reach_of(
     angle = max(float(np.percentile(seen, _REACH_PERCENT)), board_rad)
     around = np.radians(np.arange(-180.0, 180.0, _BEARINGS_DEG))
     points = points_around(around, cameras.strip.height_m).reshape(-1, 3)
-    x, y = View(camera).pixels_of(points).T
-    with np.errstate(invalid="ignore"):  # nan is outside
-        shown = (x >= 0.0) & (x < camera.width_px) & (y >= 0.0) & (y < camera.height_px)
-    points, pixels = points[shown], np.column_stack((x, y))[shown]
+    pixels = View(camera).pixels_of(points)
+    shown = in_picture(camera, pixels)
+    points, pixels = points[shown], pixels[shown]
     angles = draw(row, points)[1]
     sigmas = bearing_sigmas(fit, number, points, pixels)
     if halves is not None:

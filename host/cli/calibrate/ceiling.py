@@ -10,7 +10,7 @@ from host.calibration.ceiling.calibrate import both, calibrate_delay, calibrate_
 from host.calibration.result import Calibration
 from host.cli import options
 from host.cli.calibrate.checkerboard import board_option, lens_of
-from host.cli.calibrate.fitting import Fitting
+from host.cli.calibrate.fitting import Fitting, result_options
 from host.cli.terminal.signals import signals_caught
 from host.config import Ceiling
 from host.messages import FloatArray
@@ -44,18 +44,7 @@ Examples:
     type=options.Seconds(1.0),
     help="Of the camera's pictures, now.  [default: until Ctrl-C]",
 )
-@options.robot_option
-@click.option(
-    "--report",
-    "report_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("calibration-ceiling.html"),
-    show_default=True,
-    metavar="FILE",
-    help="Report to write, with pictures.",
-)
-@click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad.")
-@options.json_option
+@result_options("ceiling")
 def ceiling(
     source: str | None,
     pictures: Path | None,

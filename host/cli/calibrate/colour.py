@@ -13,8 +13,7 @@ import numpy as np
 from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
 from host.calibration.camera.colour_verdict import LEARNT, SearchedPicture, judged, searched
-from host.cli.calibrate.fitting import Fitting
-from host.cli.options import json_option
+from host.cli.calibrate.fitting import Fitting, result_options
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError
 from host.messages import Image
@@ -62,31 +61,13 @@ def _box(text: str) -> Box:
     help="Camera that took the pictures.",
 )
 @click.option(
-    "--robot",
-    "robot_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="robot.toml to begin with, and to write the colour to.  [default: a Cherokey, and nothing "
-    "is written]",
-)
-@click.option(
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("annotated.png"),
     show_default=True,
     help="Picture of what would be detected; more of them get -2, -3, ...",
 )
-@click.option(
-    "--report",
-    "report_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    default=Path("calibration-colour.html"),
-    show_default=True,
-    metavar="FILE",
-    help="Report to write.",
-)
-@click.option("--accept", is_flag=True, help="Write the colour even if its verdict is bad.")
-@json_option
+@result_options("colour")
 def colour(
     images: tuple[Path, ...],
     boxes: list[tuple[Box, ...]],

@@ -28,9 +28,9 @@ _UNMOUNTED = (
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
 
 
-def fit_options(kind: str) -> Callable[[FC], FC]:
-    """The options that every fit has."""
-    choices = [
+def result_options(kind: str) -> Callable[[FC], FC]:
+    """Where every fit begins, and where it goes: robot.toml, report and figures."""
+    return _all_of(
         click.option(
             "--robot",
             "robot_path",
@@ -39,6 +39,24 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             help="robot.toml to begin with, and to write the fit to.  [default: a Cherokey, "
             "or the recording's, and nothing is written]",
         ),
+        click.option(
+            "--report",
+            "report_path",
+            type=click.Path(path_type=Path, dir_okay=False),
+            default=Path(f"calibration-{kind}.html"),
+            show_default=True,
+            metavar="FILE",
+            help="Report to write, with pictures.",
+        ),
+        click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
+        options.json_option,
+    )
+
+
+def fit_options(kind: str) -> Callable[[FC], FC]:
+    """The options of every fit to a drive."""
+    return _all_of(
+        result_options(kind),
         options.simulate_option(
             "Without SOURCE: simulated devices instead of the robot's.", "misbuilt4"
         ),
@@ -54,24 +72,17 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
             help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.mcap]",
         ),
         click.option(
-            "--report",
-            "report_path",
-            type=click.Path(path_type=Path, dir_okay=False),
-            default=Path(f"calibration-{kind}.html"),
-            show_default=True,
-            metavar="FILE",
-            help="Report to write, with pictures.",
-        ),
-        click.option(
             "--drive",
             "drives",
             is_flag=True,
             help="Without SOURCE: the robot drives itself, until nothing is missing.",
         ),
-        click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
-        options.json_option,
         options.truth_options,
-    ]
+    )
+
+
+def _all_of(*choices: Callable[[FC], FC]) -> Callable[[FC], FC]:
+    """Several options as one, in their order."""
 
     def decorate(command: FC) -> FC:
         for choice in reversed(choices):

@@ -8,13 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from host.calibration.ceiling.calibrate import calibrate_delay, calibrate_view
 from host.calibration.ceiling.edges import at_edges
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
 from host.calibration.robust.rigid_alignment import align
-from host.config import Camera, Ceiling, Mocap, RobotConfig
+from host.cli.main import main
+from host.config import Camera, Ceiling, Mocap, RobotConfig, load_config
 from host.errors import UserError
 from host.geometry import to_parent
 from host.messages import FloatArray, Image
@@ -131,3 +133,19 @@ def test_the_delay_is_what_the_wheels_lag_by() -> None:
     assert found.new_settings()["mocap.ceiling.delay_s"] == pytest.approx(late - LAG_S, abs=0.013)
     with pytest.raises(UserError, match='source is "none"'):
         calibrate_delay(Gathered(RobotConfig()))
+
+
+def test_the_command_writes_the_camera_into_robot_toml(tmp_path: Path) -> None:
+    film, robot = tmp_path / "tags.mjpeg", tmp_path / "robot.toml"
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
+    film.write_bytes(b"".join(bytes(cv2.imencode(".jpg", each, quality)[1]) for each in pictures()))
+    eye = TOLD.eye.model_dump(include={"width_px", "height_px", "focal_px", "k1", "k2"})
+    lines = "\n".join(f"{key} = {value}" for key, value in eye.items())
+    robot.write_text(f"[mocap.ceiling.eye]\ncentre_x_px = 479.5\ncentre_y_px = 359.5\n{lines}\n")
+    command = ["calibrate", "ceiling", "--robot", str(robot), "--report", str(tmp_path / "r.html")]
+    done = CliRunner().invoke(main, [*command, "--pictures", str(film)])
+    assert done.exit_code == 0, done.output
+    assert load_config(robot).mocap.ceiling.eye.focal_px == pytest.approx(700.0, abs=8.0)
+    missing = CliRunner().invoke(main, command)
+    assert missing.exit_code == 1
+    assert "there is no ceiling camera" in missing.output
