@@ -59,7 +59,15 @@ IMPROVED = Errors(camera=10.0, lidar=20.0, matched_only=True)
 class KalmanHungarian:
     """One constant-velocity filter a teammate, in the robot's frame: x, y (m), velocities (m/s)."""
 
-    def __init__(self, matching: Matching = "standalone", errors: Errors = Errors()) -> None:
+    def __init__(
+        self,
+        matching: Matching = "standalone",
+        errors: Errors = Errors(),
+        *,
+        delays: bool = True,
+    ) -> None:
+        """delays: whether a reading counts as of when it was made, or as of now."""
+        self._delays = delays
         self._matching = matching
         self._errors = errors
         self._time = 0.0
@@ -90,7 +98,7 @@ class KalmanHungarian:
         lever[:, 0], lever[:, 1] = -self._states[:, 1], self._states[:, 0]
         self._covariances = carried + motion.heading_variance * lever[:, :, None] * lever[:, None]
         self._lidar = (self._lidar - shift[:2]) @ turned
-        self._lidar_lags = self._lidar_lags + interval
+        self._lidar_lags = self._lidar_lags + (interval if self._delays else 0.0)
         self._ages = self._ages + interval
 
     def update(self, measurement: Positions | Bearings) -> None:
@@ -99,8 +107,8 @@ class KalmanHungarian:
         self._time = measurement.time
         if isinstance(measurement, Positions):
             self._lidar = measurement.positions
-            lags = measurement.lags
-            self._lidar_lags = np.zeros(len(self._lidar)) if lags is None else lags
+            lags, now = measurement.lags, np.zeros(len(self._lidar))
+            self._lidar_lags = lags if lags is not None and self._delays else now
             if self._time - self._picture_time > _NO_CAMERA_S:
                 nobody = np.full(len(self._lidar), -1)
                 self._round(self._lidar, self._lidar_lags, nobody, "lidar")
@@ -110,7 +118,7 @@ class KalmanHungarian:
             return
         along = np.column_stack((np.cos(measurement.bearings), np.sin(measurement.bearings)))
         seen = np.array(measurement.origin) + measurement.ranges[:, None] * along
-        lags = np.full(len(seen), measurement.lag)
+        lags = np.full(len(seen), measurement.lag if self._delays else 0.0)
         self._round(seen, lags, self._lidar_of(seen), "camera")
 
     def estimate(self) -> Estimate:

@@ -47,7 +47,10 @@ FILTERS.register(
 FILTERS.register("perera2021", FilterEntry(lambda robot: Perera2021Filter(robot.lidar)))
 # Belaroussi 2024: how the lidar's readings are matched, and his improved errors (docs/systems.md).
 FILTERS.register("kalman_hungarian", FilterEntry(lambda _: KalmanHungarian()))
-FILTERS.register("kh_improved", FilterEntry(lambda _: KalmanHungarian(errors=IMPROVED)))
+# His improved errors are so small that velocities are noise: carried over a delay, they do harm.
+FILTERS.register(
+    "kh_improved", FilterEntry(lambda _: KalmanHungarian(errors=IMPROVED, delays=False))
+)
 FILTERS.register("kh_partial", FilterEntry(lambda _: KalmanHungarian("partial")))
 FILTERS.register("kh_full", FilterEntry(lambda _: KalmanHungarian("full")))
 FILTERS.register("kh_complementary", FilterEntry(lambda _: KalmanHungarian("complementary")))

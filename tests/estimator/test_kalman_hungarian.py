@@ -1,5 +1,6 @@
 """Belaroussi's fusion: its steps, one by one, and what he reports of its variants."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -117,3 +118,17 @@ def test_improved_is_better_as_he_found() -> None:
     rows = score_sources(["arena4:seconds=20,seed=22"], names, ["lidar+camera"])
     plain, improved = (row.gospa_m for row in rows)
     assert improved < 0.7 * plain
+
+
+def test_a_late_reading_counts_as_of_when_it_was_made_if_it_is_asked_for() -> None:
+    places = {}
+    for delays in (True, False):
+        fusion = KalmanHungarian(delays=delays)
+        for k in range(300):  # a robot drives at .3 m/s, and every reading of it is .15 s old
+            time = STEP_S * (k + 1)
+            fusion.predict(still(time))
+            seen = picture(time, (1.0 + 0.3 * (time - 0.15), 0.2))
+            fusion.update(dataclasses.replace(seen, lag=0.15))
+        places[delays] = fusion.estimate().positions[0, 0] - (1.0 + 0.3 * time)
+    assert abs(places[True]) < 0.02
+    assert places[False] == pytest.approx(-0.045, abs=0.02)
