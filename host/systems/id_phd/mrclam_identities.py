@@ -25,7 +25,6 @@ SETTINGS = IdPhdSettings(
     alike=3.0,
     gain_sigmas=(0.1, 0.2, 0.2),
     false_things=0,
-    hypotheses=600,
 )
 _LANDMARKS_IN_VIEW = 6
 _FROM_S = 60.0  # scored from then on, every second,
