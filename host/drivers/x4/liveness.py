@@ -82,6 +82,10 @@ class Liveness:
 
         samples: how many came since the start.
         """
+        if self._arrived and now - self._arrived[-1][0] > WINDOW_S:
+            # The program was suspended. What came in that time is lost, by no fault of the lidar.
+            self._arrived.clear()
+            self._first = None
         self._arrived.append((now, samples))
         self._first = self._first or (now, samples)
         while self._arrived[0][0] < now - WINDOW_S - 0.5:

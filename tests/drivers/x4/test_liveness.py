@@ -203,3 +203,18 @@ def test_what_waited_while_the_host_was_busy_is_no_other_model() -> None:
             read = samples
         fault = liveness.fault(float(times[-1]), read)
         assert fault is None or "only" in fault.what
+
+
+def test_what_came_while_the_host_was_suspended_is_not_missed_for_ever() -> None:
+    liveness, samples, words = Liveness(BARE), 0, set[str]()
+    for k, points in enumerate(room(30.0)):
+        suspended_s = 20.0 if k > 50 else 0.0  # what came meanwhile is lost
+        times = suspended_s + (samples + np.arange(len(points))) / 5000.0
+        angles = (points[:, 0] + math.pi) % (2.0 * math.pi) - math.pi
+        samples += len(points)
+        liveness.add(Scan(times[-1], times, angles, points[:, 1]), 7.0)
+        if k % 7 == 0:
+            # A second has some more samples or some less, as they are read.
+            fault = liveness.fault(float(times[-1]), samples + 40 * (k % 2))
+            words.add(fault.what if fault else "")
+    assert words == {""}
