@@ -7,6 +7,9 @@ board, by its own estimates. With --pictures its cameras' pictures are rendered 
 takes minutes an arena; else wheels and lidar are judged alone.
 """
 
+import functools
+import multiprocessing
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -74,26 +77,33 @@ def fits(gathered: Gathered, pictures: bool) -> list[Calibration]:
     return found
 
 
+def arena(seed: int, pictures: bool) -> tuple[bool, str]:
+    """Whether an arena was covered and all fits passed, and how it went in words."""
+    seconds, swarm, gathered = drive(f"misbuilt4:seed={seed},rendered={int(pictures)}", pictures)
+    found = fits(gathered, pictures)
+    verdicts = [f"{fit.kind} {'; '.join(fit.failures) or 'ok'}" for fit in found]
+    own = sum(contact.robot == OBSERVER for contact in swarm.contacts)
+    covered = seconds < MOST_S
+    words = (
+        f"seed {seed}: {'covered' if covered else 'not covered'} after {seconds:.0f} s, "
+        f"{own} contacts of ours; {', '.join(verdicts)}"
+    )
+    return covered and not any(fit.failures for fit in found), words
+
+
 @click.command(help=__doc__)
 @click.option("--seeds", default="1-3", show_default=True, help="First and last.")
 @click.option("--pictures", is_flag=True, help="Render and search pictures.")
-def main(seeds: str, pictures: bool) -> None:
-    """Print a line for each arena."""
+@click.option("--workers", default=os.cpu_count(), show_default=True, help="Arenas at a time.")
+def main(seeds: str, pictures: bool, workers: int) -> None:
+    """Print a line for each arena, as it ends."""
     first, last = map(int, seeds.split("-"))
     good = 0
-    for seed in range(first, last + 1):
-        rendered = int(pictures)
-        seconds, swarm, gathered = drive(f"misbuilt4:seed={seed},rendered={rendered}", pictures)
-        found = fits(gathered, pictures)
-        verdicts = [f"{fit.kind} {'; '.join(fit.failures) or 'ok'}" for fit in found]
-        own = sum(contact.robot == OBSERVER for contact in swarm.contacts)
-        covered = seconds < MOST_S
-        good += covered and not any(fit.failures for fit in found)
-        print(
-            f"seed {seed}: {'covered' if covered else 'not covered'} after {seconds:.0f} s, "
-            f"{own} contacts of ours; {', '.join(verdicts)}",
-            flush=True,
-        )
+    with multiprocessing.Pool(workers) as pool:
+        of = functools.partial(arena, pictures=pictures)
+        for passed, words in pool.imap_unordered(of, range(first, last + 1)):
+            good += passed
+            print(words, flush=True)
     print(f"{good} of {last - first + 1} arenas covered, and all fits passed")
 
 
