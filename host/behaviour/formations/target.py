@@ -2,7 +2,7 @@
 
 The team stands and watches: whoever moves is the target. Then it is whoever is where the target
 should be by now; its label may change. Who did not see it move, or lost it, sees it by the
-formation: most others stand at the radius around it.
+formation: most of the others stand at the radius around it.
 """
 
 import math
@@ -16,11 +16,12 @@ from host.messages import FloatArray
 
 _WATCH_S = 3.0
 _MOVED_M = 0.2  # while it was watched: more than a standing teammate's estimate wanders
-_LATEST_S = 0.5
+_LATEST_S = 0.5  # after the watch; from then on the team moves, too
 _JUMP_M = 0.15  # between two estimates: the label has passed to another one
 _GATE_M, _GATE_MPS = 0.25, 0.3  # from where the target should be, and more for each second unseen
 _SLOPE_S = 1.2  # over which its velocity is taken
 _SAMPLE_S = 0.1
+_COAST_S = 2.0  # unseen for longer it is taken to stand
 _RING_M, _MANY = 0.25, 3  # so many others so well at the radius: they stand around it
 _DOUBT_S = 2.0
 
@@ -33,7 +34,6 @@ class Target:
 
     def __init__(self, radius_m: float | None = None) -> None:
         self._radius_m = radius_m
-        # Later the team moves, too.
         self._until_s = math.inf if radius_m is None else _WATCH_S + _LATEST_S
         self._began = math.inf
         self._seen: dict[int, tuple[FloatArray, FloatArray]] = {}  # a label's first, last place
@@ -70,10 +70,9 @@ class Target:
         """Where it is taken to be (2,) m in the robot's frame, seen or not; None: not known."""
         if not self._track:
             return None
-        last = np.array(self._track[-1][1:])
-        return to_frame(last, np.array(now.pose)) + self.velocity(now) * (
-            now.time - self._track[-1][0]
-        )
+        unseen = min(now.time - self._track[-1][0], _COAST_S)
+        last = to_frame(np.array(self._track[-1][1:]), np.array(now.pose))
+        return last + unseen * self.velocity(now)
 
     def _mover(self, time: float, places: FloatArray, labels: list[int]) -> int | None:
         """Who has moved most since the watch began; None: it goes on."""
