@@ -33,5 +33,6 @@ def recorded() -> Callable[[str], Path]:
 
 
 def pytest_configure() -> None:
-    """A shell starts what runs in its background with Ctrl-C ignored, and children inherit that."""
+    """What a shell or xdist hands on: Ctrl-C ignored in the background, and a terminal's width."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.environ.pop("COLUMNS", None)

@@ -209,7 +209,7 @@ def test_lidars_that_aim_at_each_other_show_as_interference() -> None:
 
 @pytest.mark.slow
 def test_clutter_and_curve_are_those_of_a_plain_count() -> None:
-    text = "arena4:seconds=150,seed=11,side_m=5"
+    text = "arena4:seconds=100,seed=11,side_m=5"
     fit, count = detection.calibrate(lidar_drive(text)), Count(text)
     most, half, _ = curve_by_shares(count.distances, count.seen)
     assert row(fit, "lidar half-range").value == pytest.approx(half, abs=0.1)

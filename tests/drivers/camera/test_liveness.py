@@ -46,10 +46,10 @@ class Run:
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 15.0, 30.0])
-def test_two_hours_with_jitter_and_losses_are_no_fault(rate_hz: float) -> None:
+def test_hours_with_jitter_and_losses_are_no_fault(rate_hz: float) -> None:
     print(f"seed {SEED}")
     run = Run(rate_hz)
-    run.seconds(7200.0 if rate_hz > 10.0 else 36000.0, 1.0 / rate_hz, 0.8 / rate_hz, 0.05)
+    run.seconds(2400.0 if rate_hz > 10.0 else 12000.0, 1.0 / rate_hz, 0.8 / rate_hz, 0.05)
     assert run.faults == []
 
 

@@ -288,7 +288,7 @@ def test_a_new_connection_forgets_counters_of_the_last() -> None:
     assert line.session.counts()["restarts"] == 1, "it was another board, or the same anew"
 
 
-@pytest.mark.parametrize("away_s", [0.5, 100.0, 3.0 * 2**32 * 1e-6])
+@pytest.mark.parametrize("away_s", [0.5, 100.0, 1.5 * 2**32 * 1e-6])
 def test_a_board_that_was_only_unplugged_has_not_restarted(away_s: float) -> None:
     line = Line(RomeoStandIn(driving, start=99.0, drift=0.004))
     line.run(1.0)
