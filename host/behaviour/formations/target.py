@@ -23,6 +23,7 @@ _SLOPE_S = 1.2  # over which its velocity is taken
 _SAMPLE_S = 0.1
 _COAST_S = 2.0  # unseen for longer it is taken to stand
 _RING_M, _MANY = 0.25, 3  # so many others so well at the radius: they stand around it
+_CLEARLY = 2  # who stands on the ring has three at the radius itself: two beside it and the middle
 _DOUBT_S = 2.0
 
 
@@ -105,7 +106,8 @@ class Target:
         around = np.sum(np.abs(apart - self._radius_m) < _RING_M, axis=1)
         best = int(np.argmax(around))
         others = int(np.delete(around, best).max(initial=0)) if row is None else int(around[row])
-        if best == row or around[best] < _MANY or around[best] <= others:
+        lead = 1 if row is None else _CLEARLY
+        if best == row or around[best] < max(_MANY, others + lead):
             self._doubted = math.inf
             return row
         self._doubted = min(self._doubted, now.time)
