@@ -87,8 +87,8 @@ def test_without_the_plugin_what_is_known_is_told(folder: Path) -> None:
     assert done.returncode == 1
     assert "line 3: filter.profile = 'newest': no filter is called so; known: phd" in done.stderr
     recording = folder / "plugin.mcap"
-    made = "swarmloc --plugin newest.py run --robot robot.toml --simulate arena4 --seconds 1"
-    assert swarmloc(folder, f"{made} --record {recording}").returncode == 0
+    made = "swarmloc --plugin newest.py simulate arena4:seconds=1 --robot robot.toml"
+    assert swarmloc(folder, f"{made} --output {recording}").returncode == 0
     done = swarmloc(folder, f"swarmloc replay {recording}")
     assert done.returncode == 1
     assert "filter.profile = 'newest': no filter is called so" in done.stderr

@@ -10,7 +10,7 @@ from host.localizer import Localizer
 from host.messages import Bearings, Scan
 from host.sessions import runs
 
-GONE, BACK, END = 9.0, 19.0, 22.0
+GONE, BACK, END = 7.0, 17.0, 20.0
 
 
 @pytest.mark.slow

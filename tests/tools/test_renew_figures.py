@@ -64,7 +64,7 @@ def test_a_cell_is_the_mean_over_seeds_with_its_interval_and_the_best_is_bold():
     records = [
         a_record(f"arena4:seconds=120,seed={seed}", name, gospa_m=scale * value)
         for name, scale in (("clairvoyant", 0.5), ("phd", 1.0), ("perera2021", 3.0))
-        for seed, value in zip(figure_tables.SEEDS, values, strict=True)
+        for seed, value in zip(figure_tables.SEEDS[:5], values, strict=True)
     ]
     low, high = stats.t.interval(0.95, 4, loc=np.mean(values), scale=stats.sem(values))
     cell = f"{np.mean(values):.3f} ± {(high - low) / 2:.3f}"
