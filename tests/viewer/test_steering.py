@@ -71,7 +71,7 @@ def test_the_robot_drives_while_a_page_says_so_and_stops_with_its_connection(ser
     with drive(running) as page:
         page.send(held(1))
         wait_for(lambda: len(stick.moves) == 3)
-        page.socket.close()  # no goodbye
+        page.socket.shutdown(socket.SHUT_RDWR)  # no goodbye
         wait_for(lambda: stick.released == 3)
         assert stick.wanted == STILL
 
