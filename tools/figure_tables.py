@@ -213,9 +213,7 @@ TABLES = {
         _mrclam,
         (),
     ),
-    "pixels": Table(
-        ("arena4:seconds=120,rendered=1",), COMPARED, SENSORS, _evaluation, SEEDS[:5]
-    ),
+    "pixels": Table(("arena4:seconds=120,rendered=1",), COMPARED, SENSORS, _evaluation, SEEDS[:5]),
     "faults": Table(
         tuple(map(_faulty, FAULTS.values())),
         ("pmb", "phd"),
