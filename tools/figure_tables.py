@@ -129,9 +129,8 @@ def _scored(records: Sequence[Record]) -> Iterator[list[str]]:
 
 
 def _interval(figure: Mean, digits: int) -> str:
-    if math.isnan(figure.half_width):
-        return f"{figure.value:.{digits}f}"
-    return f"{figure.value:.{digits}f} ± {figure.half_width:.{digits}f}"
+    value = f"{figure.value:z.{digits}f}"
+    return value if math.isnan(figure.half_width) else f"{value} ± {figure.half_width:.{digits}f}"
 
 
 def _mrclam(records: Sequence[Record]) -> Lines:
