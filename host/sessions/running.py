@@ -26,11 +26,6 @@ from host.systems.id_phd.naming import Naming
 
 # A thread that wakes waits so long for one that computes; Python's own 5 ms would add up.
 _SWITCH_S = 0.0005
-_NO_PICTURES = UserError(
-    "there are no pictures to record",
-    "no camera is in use, or simulated ones give bearings alone",
-    "name cameras in robot.toml; simulate pictures with arena4:rendered=1",
-)
 _TIMED_UPDATES = 100_000  # the last ones, of an hour or more: a run may go on for days
 
 
@@ -102,15 +97,7 @@ def run_devices(
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}
         if record is not None:
-            unix_s = time.time() - time.monotonic()
-            header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
-            if rig.record_pictures and not rig.cameras:
-                raise _NO_PICTURES
-            recorder = stack.enter_context(BackgroundRecorder(record, header))
-            all_sinks["recording"] = recorder.write
-            if rig.record_pictures:
-                for camera in rig.cameras:
-                    camera.watchers.append(recorder.picture)
+            all_sinks["recording"] = stack.enter_context(_recorder(rig, record)).write
         if rig.link is not None and naming is not None:
             all_sinks |= {"link": rig.link.take, "naming": naming.take}
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
@@ -140,6 +127,23 @@ def run_devices(
     if rig.simulated_board is not None:
         figures["simulated_board"] = rig.simulated_board
     return RunOutcome(figures, pipeline.failures)
+
+
+def _recorder(rig: Rig, path: Path) -> BackgroundRecorder:
+    """Records the run, and its pictures where that is asked. Raises UserError where it cannot."""
+    if rig.record_pictures and not rig.cameras:
+        raise UserError(
+            "there are no pictures to record",
+            "no camera is in use, or simulated ones give bearings alone",
+            "name cameras in robot.toml; simulate pictures with arena4:rendered=1",
+        )
+    unix_s = time.time() - time.monotonic()
+    header = RecordingHeader(rig.config, rig.sensors, rig.scenario, unix_s)
+    recorder = BackgroundRecorder(path, header)
+    if rig.record_pictures:
+        for camera in rig.cameras:
+            camera.watchers.append(recorder.picture)
+    return recorder
 
 
 @contextlib.contextmanager

@@ -10,11 +10,9 @@ import http
 import ipaddress
 import secrets
 import socket
-import threading
-from types import TracebackType
-from typing import Self
 
 from host.viewer.access import Access
+from host.viewer.loop_thread import LoopThread
 
 _HEAD_S, _HEAD_BYTES = 5.0, 1 << 14  # for a request to come, and at most
 _PIECE_BYTES = 1 << 16
@@ -26,34 +24,15 @@ def hidden_address() -> str:
     return str(ipaddress.IPv4Address(0x7F000000 + 2 + secrets.randbelow(2**24 - 4)))
 
 
-class Gate:
+class Gate(LoopThread):
     """Lets requests pass from entry to exit of its `with` block, as `access` has it."""
 
     def __init__(self, listening: socket.socket, access: Access, behind: tuple[str, int]) -> None:
         """listening: a socket that does. behind: address and port of the server."""
+        super().__init__("gate")
         self._listening = listening
         self._access = access
         self._behind = behind
-        self._loop = asyncio.new_event_loop()
-        self._stop = asyncio.Event()
-        self._thread = threading.Thread(target=self._run, name="gate", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join()
-        self._loop.close()
-
-    def _run(self) -> None:
-        self._loop.run_until_complete(self._serve())
 
     async def _serve(self) -> None:
         passing: set[asyncio.Task[None]] = set()

@@ -8,10 +8,8 @@ import asyncio
 import http
 import json
 import socket
-import threading
 import time
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 from weakref import WeakSet
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -25,6 +23,7 @@ from host.pipeline import Now
 from host.viewer.access import access
 from host.viewer.addresses import bracketed, listening_socket, reachable
 from host.viewer.channel import Channel
+from host.viewer.loop_thread import LoopThread
 from host.viewer.page import page
 from host.viewer.scene import Scene, blobs
 from host.viewer.steering import Steering
@@ -42,7 +41,7 @@ _GOODBYE_S = 0.4  # for readers to take leave; then they are cut off
 _READER_BUFFER = 65536  # bytes towards one reader; more would only grow old
 
 
-class Viewer:
+class Viewer(LoopThread):
     """Serves from entry to exit of its `with` block. url: what a person opens.
 
     address, port: where it listens; port 0: a free one. stick: who opens the page may drive by it.
@@ -63,7 +62,7 @@ class Viewer:
         token = f"/?token={self._access.token}" if self._access.token else "/"
         self.url = f"http://{bracketed(reachable(address))}:{self._access.port}{token}"
         self._page = page(driven).encode()
-        self._loop = asyncio.new_event_loop()
+        super().__init__("viewer")  # after what can fail: a loop has to be closed
         of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
         self._channels = {path: Channel() for path in (_STREAM, *of_cameras)}
         self._serving = {path: channel.serve for path, channel in self._channels.items()}
@@ -72,22 +71,6 @@ class Viewer:
         if stick is not None:
             self._serving[_DRIVE] = Steering(stick).serve
         self._due = dict.fromkeys(scene.pictures, 0.0)  # when the next picture may go, s
-        self._stop = asyncio.Event()
-        self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join()
-        self._loop.close()
 
     def take(self, message: Message) -> None:
         """Note a message, in the localizer's thread."""
@@ -119,9 +102,6 @@ class Viewer:
 
     def _send(self, path: str, *messages: str | bytes) -> None:
         asyncio.run_coroutine_threadsafe(self._channels[path].publish(*messages), self._loop)
-
-    def _run(self) -> None:
-        self._loop.run_until_complete(self._serve())
 
     async def _serve(self) -> None:
         connections: WeakSet[asyncio.Transport] = WeakSet()
