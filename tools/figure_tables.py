@@ -128,6 +128,18 @@ def _scored(records: Sequence[Record]) -> Iterator[list[str]]:
             ]
 
 
+def _summary(records: Sequence[Record]) -> Lines:
+    """GOSPA alone: a row a filter, a column for each source and choice of sensors."""
+    found = {(each.source, each.sensors, each.filter): each.means for each in summaries(records)}
+    columns = sorted({key[:2] for key in found}, key=lambda key: (key[0], SENSORS.index(key[1])))
+    rows = [
+        [name, *(_interval(found[*column, name]["gospa_m"], 3) for column in columns)]
+        for name in dict.fromkeys(record["filter"] for record in records)
+    ]
+    header = [f"{source.partition(':')[0]}, {sensors}" for source, sensors in columns]
+    return _markdown(["filter", *header], rows)
+
+
 def _interval(figure: Mean, digits: int) -> str:
     value = f"{figure.value:z.{digits}f}"
     return value if math.isnan(figure.half_width) else f"{value} ± {figure.half_width:.{digits}f}"
@@ -161,6 +173,12 @@ def _faults(records: Sequence[Record]) -> Lines:
 
 def _faulty(setting: str) -> str:
     return f"arena4:seconds=60{setting}"
+
+
+def _published(records: Sequence[Record]) -> Lines:
+    """Of the thesis' table what it says most by: the worst teammate, and how many are lost."""
+    rows = _thesis(records)
+    return rows[:2] + [row for row in rows[2:] if "robot 1 of" in row or "25 %" in row]
 
 
 def _thesis(records: Sequence[Record]) -> Lines:
@@ -201,10 +219,17 @@ def _ablation(records: Sequence[Record]) -> Lines:
     return _markdown(["without", *header], rows)
 
 
+_EVALUATED = Table(("arena4:seconds=120", "swarm20:seconds=120"), COMPARED, SENSORS, _evaluation)
+_THESIS = Table(
+    ("swarm20:seconds=300", "arena4:seconds=300"),
+    (BASELINE, "phd", "pmb"),
+    SENSORS,
+    _thesis,
+    SEEDS[:3],
+)
 TABLES = {
-    "evaluation": Table(
-        ("arena4:seconds=120", "swarm20:seconds=120"), COMPARED, SENSORS, _evaluation
-    ),
+    "evaluation": _EVALUATED,
+    "summary": _EVALUATED._replace(lines=_summary),
     "mrclam": Table(
         (f"{DATASET},landmarks=drop", f"{DATASET},landmarks=clutter"),
         ("pmb", "phd", BASELINE, "last_reading", LIMIT),
@@ -220,13 +245,8 @@ TABLES = {
         _faults,
         SEEDS[:5],
     ),
-    "thesis": Table(
-        ("swarm20:seconds=300", "arena4:seconds=300"),
-        (BASELINE, "phd", "pmb"),
-        SENSORS,
-        _thesis,
-        SEEDS[:3],
-    ),
+    "thesis": _THESIS,
+    "published": _THESIS._replace(lines=_published),
     "ablation": Table(
         tuple(LAYOUTS),
         ("pmb", *(name for name, _ in WITHOUT.values())),

@@ -76,6 +76,22 @@ def test_a_cell_is_the_mean_over_seeds_with_its_interval_and_the_best_is_bold():
     assert [line.count("**") for line in lines] == [0, 0, 0, 2, 0]
 
 
+def test_the_short_tables_hold_the_long_ones_figures():
+    figures = [(0.1, "phd", "lidar"), (0.2, "phd", "lidar+camera"), (0.3, "pmb", "lidar")]
+    figures += [(0.4, "pmb", "lidar+camera")]
+    records = [
+        a_record("arena4:seconds=120,seed=11", name, sensors, gospa_m=gospa)
+        for gospa, name, sensors in figures
+    ]
+    assert TABLES["summary"].lines(records)[2:] == [
+        "| phd | 0.200 | 0.100 |",
+        "| pmb | 0.400 | 0.300 |",
+    ]
+    of_thesis = [["time over 30 cm, robot 1 of 3", 0.1, 0.2], ["mean sum of the weights", 7.0, 15]]
+    lines = TABLES["published"].lines([a_record("arena4:seed=1", published=of_thesis)])
+    assert ["sum" in line for line in lines] == [False] * 3
+
+
 def test_the_ablation_compares_each_seed_with_itself():
     table, (name, *_) = TABLES["ablation"], TABLES["ablation"].filters[1:]
     seeds = table.seeds[:3]
