@@ -30,11 +30,11 @@ from host.recording.elsewhere.mrclam import load_dataset as load_mrclam
 from host.recording.elsewhere.optiodom import read_runs as load_optiodom
 from host.recording.log import Recorder, Recording, RecordingHeader
 from host.registry import BEHAVIOURS, BOARDS, FILTERS, LIDARS, SCENARIOS, load_plugin
-from host.sessions.calibrating import calibrate_from as calibrate
-from host.sessions.evaluating import score_sources as evaluate
-from host.sessions.localizing import localize
-from host.sessions.runs import Run, load_recording
-from host.sessions.runs import simulate_scenario as simulate
+from host.sessions.calibrating.calibrate import calibrate_from as calibrate
+from host.sessions.offline.evaluating import score_sources as evaluate
+from host.sessions.offline.localizing import localize
+from host.sessions.recordings.runs import Run, load_recording
+from host.sessions.recordings.runs import simulate_scenario as simulate
 from host.simulation.devices.catalogue import BoardEntry, LidarEntry
 from host.simulation.world.scenarios import Scenario
 

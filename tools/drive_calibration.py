@@ -28,7 +28,7 @@ from host.calibration.wheels.drives import drives_of, wheels_advice
 from host.calibration.wheels.unseen import apply_fit
 from host.config import RobotConfig
 from host.errors import UserError
-from host.sessions.swarming import Swarm
+from host.sessions.offline.swarming import Swarm
 from host.simulation.offline import OBSERVER
 from host.simulation.world.arena import ARENA_STEP_S
 from host.simulation.world.scenarios import parse_scenario

@@ -24,7 +24,7 @@ from host.behaviour.interface import Behaviour, Command, Situation
 from host.config import RobotConfig
 from host.geometry import to_frame, to_parent
 from host.messages import Estimate, FloatArray, IntArray
-from host.sessions.swarming import Swarm
+from host.sessions.offline.swarming import Swarm
 from host.simulation.world.arena import ARENA_STEP_S, Arena
 from host.simulation.world.scenarios import parse_scenario
 

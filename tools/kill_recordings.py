@@ -25,7 +25,7 @@ from host.localizer import Localizer
 from host.messages import Bearings, DeviceBytes, Displacement, Message, Scan
 from host.recording.background import BackgroundRecorder
 from host.recording.log import Recorder, Recording, RecordingHeader
-from host.sessions.runs import simulated
+from host.sessions.recordings.runs import simulated
 from host.simulation.world import scenarios
 
 SPEED = 3.0

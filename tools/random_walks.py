@@ -17,7 +17,7 @@ import click
 import numpy as np
 
 from host.config import RobotConfig
-from host.sessions.swarming import Swarm
+from host.sessions.offline.swarming import Swarm
 from host.simulation.offline import OBSERVER
 from host.simulation.world.arena import ARENA_STEP_S, Contact
 from host.simulation.world.scenarios import parse_scenario

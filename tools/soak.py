@@ -166,7 +166,7 @@ def run(seconds: float, folder: Path) -> tuple[list[Sample], Ages, str]:
     """Run for so many seconds of the faster clock; return samples, one in five of these."""
     context = multiprocessing.get_context("fork")
     together = context.Barrier(2)
-    from host.sessions.running import run_devices
+    from host.sessions.live.running import run_devices
     from host.sources.rig import real_rig
     from host.viewer.scene import Scene
     from host.viewer.server import Viewer

@@ -21,7 +21,7 @@ from host.cli.terminal.live_screen import check_failures, show_run, view_option,
 from host.cli.terminal.summary import summary
 from host.config import RobotConfig
 from host.registry import BEHAVIOURS
-from host.sessions.driving import contacts_in_words, drive_rig, driving_of
+from host.sessions.live.driving import contacts_in_words, drive_rig, driving_of
 from host.sessions.robot import robot_configuration
 
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
@@ -183,7 +183,7 @@ def calibration(
     It ends when nothing is missing, and is recorded; `swarmloc calibrate` takes the recording.
     """
     # The fits' rooms are slow to load, and no other way to drive needs them.
-    from host.sessions.drive_advice import drive_advice
+    from host.sessions.calibrating.drive_advice import drive_advice
 
     record = record or drive_name()
     gathering.live(robot_path, scenario, seconds, record, drive_advice, True, drives=True)

@@ -52,7 +52,7 @@ def square(
     Against motion capture where there is one; else mark where the robot stands, and measure after
     each square how far from the mark it ended.
     """
-    from host.sessions.squares import as_rows, square_rig
+    from host.sessions.live.squares import as_rows, square_rig
 
     robot = robot_configuration(robot_path)
     errors: dict[bool, list[FloatArray]] = {False: [], True: []}
@@ -70,7 +70,7 @@ def square(
 
 
 def _once(rig: Rig, side_m: float, left: bool, stopped: Callable[[], bool]) -> FloatArray:
-    from host.sessions.squares import drive_square, return_error
+    from host.sessions.live.squares import drive_square, return_error
 
     click.echo(f"{rig.title}: {'counter-clockwise' if left else 'clockwise'}", err=True)
     last = ""

@@ -12,9 +12,9 @@ from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
 from host.experiments.results_folder import ResultsFolder
 from host.registry import FILTERS
-from host.sessions.evaluating import check_source, score_sources, step_count
+from host.sessions.offline.evaluating import check_source, score_sources, step_count
+from host.sessions.recordings.truth_files import TruthFile
 from host.sessions.robot import robot_configuration
-from host.sessions.truth_files import TruthFile
 from host.sources.sensors import SENSORS
 from host.systems.catalogue import SYSTEMS, is_system_source, score_systems
 

@@ -6,7 +6,7 @@ import click
 
 from host.cli import options
 from host.recording.log import SUFFIX
-from host.sessions.exporting import export
+from host.sessions.recordings.exporting import export
 from host.sessions.robot import robot_configuration
 
 

@@ -7,7 +7,7 @@ import cv2
 
 from host.cli import options
 from host.registry import FILTERS
-from host.sessions.mapping import map_source
+from host.sessions.offline.mapping import map_source
 from host.sessions.robot import robot_configuration
 
 

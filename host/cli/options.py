@@ -16,7 +16,7 @@ import click
 from host.errors import UserError
 from host.recording.elsewhere.named_columns import units_of
 from host.registry import FILTERS
-from host.sessions.truth_files import TruthFile, truth_file
+from host.sessions.recordings.truth_files import TruthFile, truth_file
 
 _UNITS = "swarmloc.truth_units"
 AnyCommand = TypeVar("AnyCommand", bound=Callable[..., Any] | click.Command)

@@ -6,8 +6,8 @@ import click
 
 from host.cli.options import robot_option
 from host.errors import UserError
+from host.perception.strips.sheet import PAPERS_MM, strip_sheet
 from host.sessions.robot import robot_configuration
-from host.sessions.strip_sheet import PAPERS_MM, strip_sheet
 
 
 @click.group(name="print", short_help="A teammate's strip, to print to scale.")

@@ -11,7 +11,7 @@ from host.cli.terminal.live_screen import NO_VIEW, address_given
 from host.cli.terminal.player import Player, play
 from host.cli.terminal.summary import summary
 from host.recording.log import SUFFIX, Recording
-from host.sessions.replaying import Replayed, replay_recording
+from host.sessions.recordings.replaying import Replayed, replay_recording
 from host.sessions.robot import robot_configuration, with_filter
 from host.sources.sensors import SENSORS
 from host.viewer.playback import Playback

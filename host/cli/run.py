@@ -23,7 +23,7 @@ from host.cli.terminal.live_screen import (
 from host.cli.terminal.summary import summary
 from host.errors import UserError
 from host.registry import SCENARIOS
-from host.sessions.driving import driving_of
+from host.sessions.live.driving import driving_of
 from host.sessions.robot import robot_configuration
 from host.simulation.live import Interval
 from host.simulation.world import scenarios

@@ -6,8 +6,8 @@ import click
 
 from host.cli import options
 from host.recording.log import SUFFIX
+from host.sessions.recordings.simulating import simulate_to_recording
 from host.sessions.robot import robot_configuration
-from host.sessions.simulating import simulate_to_recording
 from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
 
 

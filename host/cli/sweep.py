@@ -16,7 +16,7 @@ from host.experiments.records import Records
 from host.experiments.sweeping import check_installed, sweep
 from host.experiments.trials import Trial
 from host.registry import FILTERS
-from host.sessions.evaluating import check_source
+from host.sessions.offline.evaluating import check_source
 from host.sessions.robot import robot_configuration
 from host.sources.sensors import SENSORS
 

@@ -10,7 +10,7 @@ from host.evaluation import curves
 from host.evaluation.curves import Bins, PairErrors
 from host.experiments.paper_figure import Cell, PaperFigure, label
 from host.messages import FloatArray
-from host.sessions.evaluating import Scored
+from host.sessions.offline.evaluating import Scored
 
 PERCENT = 67.0
 GOSPA_BIN_S = 5.0

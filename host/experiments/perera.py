@@ -13,7 +13,7 @@ from host.experiments.paper_figure import SHORT, Cell, PaperFigure, label
 from host.experiments.published import OVER_30CM, REAL_TEAMMATES, beside_published
 from host.geometry import Path, to_parent
 from host.messages import FloatArray
-from host.sessions.evaluating import Scored
+from host.sessions.offline.evaluating import Scored
 
 _KEEP_ALL_S = float("inf")
 

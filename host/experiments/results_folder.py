@@ -21,7 +21,7 @@ from host.errors import UserError
 from host.evaluation.metrics import Row
 from host.evaluation.mrclam_scoring import MRCLAM_ROBOT
 from host.experiments import belaroussi, paper_figure, perera
-from host.sessions.evaluating import Scored, Scores
+from host.sessions.offline.evaluating import Scored, Scores
 from host.systems.catalogue import SystemRow
 
 LATEST = "latest"

@@ -21,7 +21,8 @@ from host.evaluation.metrics import Instant
 from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT
 from host.experiments.published import beside_published
 from host.registry import SCENARIOS, load_plugin
-from host.sessions import evaluating, runs
+from host.sessions.offline import evaluating
+from host.sessions.recordings import runs
 from host.simulation.world.scenarios import Scenario
 
 OVER_TIME_BIN_S = 2.5

@@ -16,7 +16,7 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from host.config import RobotConfig, recorded_config
-from host.config_errors import NOT_REGISTERED, explain_settings
+from host.config.errors import NOT_REGISTERED, explain_settings
 from host.errors import UserError
 from host.messages import (
     DeviceBytes,

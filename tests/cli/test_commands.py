@@ -17,7 +17,7 @@ from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import DeviceBytes, Estimate, Health, Truth
 from host.recording.log import Recorder, Recording, RecordingHeader
-from host.sessions import runs
+from host.sessions.recordings import runs
 
 COMMANDS = ("run", "flash", "simulate", "record", "replay", "export", "evaluate", "sweep")
 KEYS = [

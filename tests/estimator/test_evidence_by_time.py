@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from host.messages import Bearings
-from host.sessions.runs import simulate_scenario
+from host.sessions.recordings.runs import simulate_scenario
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
 SECONDS, SEED = 25, 41

@@ -8,7 +8,7 @@ import pytest
 
 from host.estimator.kalman_hungarian import IMPROVED, KalmanHungarian
 from host.messages import Bearings, Displacement, Positions
-from host.sessions.evaluating import score_sources
+from host.sessions.offline.evaluating import score_sources
 
 STEP_S = 1.0 / 15.0
 

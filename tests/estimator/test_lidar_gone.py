@@ -8,7 +8,7 @@ from host.estimator import profiles
 from host.evaluation.labels import TruthTrack
 from host.localizer import Localizer
 from host.messages import Bearings, Scan
-from host.sessions import runs
+from host.sessions.recordings import runs
 
 GONE, BACK, END = 7.0, 17.0, 20.0
 

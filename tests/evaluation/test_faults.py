@@ -8,7 +8,7 @@ import pytest
 from host.errors import UserError
 from host.evaluation.faults import NONE, Faults, split
 from host.messages import Bearings, Displacement, Scan
-from host.sessions import runs
+from host.sessions.recordings import runs
 
 SAMPLES = 720
 

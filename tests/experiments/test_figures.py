@@ -16,7 +16,7 @@ from host.errors import UserError
 from host.evaluation.mrclam_scoring import MRCLAM_ROBOT
 from host.experiments.published import beside_published, worst_first
 from host.experiments.results_folder import ResultsFolder, robot_toml
-from host.sessions import evaluating
+from host.sessions.offline import evaluating
 
 SOURCE = "arena4:seconds=9,seed=4"
 FILTERS, SENSORS = ["phd", "clairvoyant"], ["lidar+camera", "lidar"]

@@ -14,7 +14,7 @@ from host.experiments import trials
 from host.experiments.intervals import mean, summaries
 from host.experiments.records import Records
 from host.experiments.trials import Trial
-from host.sessions.evaluating import score_sources
+from host.sessions.offline.evaluating import score_sources
 
 SOURCE = "arena4:seconds=7,seed=2"
 

@@ -16,7 +16,7 @@ from host.geometry import Path
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Scan
 from host.perception.odometry_gains import OdometryGains, arc_of
-from host.sessions import runs
+from host.sessions.recordings import runs
 
 WALLS_M = (-2.0, 2.5, -1.5, 1.0)  # x, x, y, y
 STEP_S, SCAN_S = 0.05, 1.05

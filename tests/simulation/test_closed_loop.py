@@ -8,7 +8,7 @@ import pytest
 from host.behaviour.interface import Command, Situation
 from host.config import RobotConfig
 from host.geometry import to_frame
-from host.sessions.swarming import Swarm
+from host.sessions.offline.swarming import Swarm
 from host.simulation.devices.board import BoardKind, wired
 from host.simulation.devices.romeo_elf_device import RomeoElfDevice
 from host.simulation.offline import OBSERVER

@@ -17,7 +17,7 @@ import pytest
 from host.config import RobotConfig
 from host.messages import Bearings, Picture
 from host.recording.log import Recorder, RecordingHeader
-from host.sessions.runs import simulated
+from host.sessions.recordings.runs import simulated
 from host.simulation.world.scenarios import parse_scenario
 from tests.viewer import scenes
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from host.config import RobotConfig
 from host.messages import Bearings, Displacement, Positions, Scan
 from host.pipeline import Now
-from host.sessions.localizing import localize
-from host.sessions.runs import simulate_scenario
+from host.sessions.offline.localizing import localize
+from host.sessions.recordings.runs import simulate_scenario
 from host.viewer.scene import ellipse
 from tests.viewer import scenes
 

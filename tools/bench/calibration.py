@@ -16,7 +16,7 @@ from pathlib import Path
 
 from host import config
 from host.config import RobotConfig
-from host.sessions import runs
+from host.sessions.recordings import runs
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
 from host.sources.sensors import LIDAR_AND_CAMERA

@@ -18,9 +18,9 @@ import numpy as np
 from host.calibration.chain import Chain
 from host.calibration.result import Calibration
 from host.config import RobotConfig
-from host.sessions.calibrating import CalibrationKind, calibrate_gathered
-from host.sessions.gathering import gather_source
-from host.sessions.simulating import simulate_to_recording
+from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered
+from host.sessions.calibrating.gathering import gather_source
+from host.sessions.recordings.simulating import simulate_to_recording
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
 

@@ -23,8 +23,8 @@ from mcap.reader import make_reader
 from host.messages import Scan, Truth
 from host.pipeline import Now
 from host.recording.log import Recorder
-from host.sessions.localizing import localize
-from host.sessions.runs import simulate_scenario
+from host.sessions.offline.localizing import localize
+from host.sessions.recordings.runs import simulate_scenario
 from host.viewer.scene import Scene
 from host.viewer.server import Viewer
 from tools.kill_recordings import what_a_run_records

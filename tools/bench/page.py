@@ -14,8 +14,8 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
 from host.pipeline import Now
-from host.sessions.localizing import localize
-from host.sessions.runs import simulate_scenario
+from host.sessions.offline.localizing import localize
+from host.sessions.recordings.runs import simulate_scenario
 from host.viewer.scene import Scene
 from host.viewer.server import Viewer
 

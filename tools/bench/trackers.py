@@ -27,7 +27,7 @@ from host.evaluation.truth_scoring import score_by_track
 from host.geometry import to_frame, to_parent
 from host.localizer import Localizer
 from host.messages import Bearings, Displacement, Estimate, Positions
-from host.sessions import runs
+from host.sessions.recordings import runs
 from tools.bench.phd_update import (
     DETECTION_PROBABILITY,
     FILTER,

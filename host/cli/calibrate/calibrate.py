@@ -19,7 +19,7 @@ from host.cli.calibrate.fitting import Fitting, fit_options
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.recording.elsewhere import optiodom
-from host.sessions.truth_files import TruthFile
+from host.sessions.recordings.truth_files import TruthFile
 
 if TYPE_CHECKING:
     from host.calibration.wheels.model import Drive
@@ -229,7 +229,7 @@ def everything(source: str, report_path: Path, json_path: Path | None, **common:
     refused; what came before is written. What the drive has no readings of is left out. Every fit
     has a report of its own: calibration-all-wheels.html, ...
     """
-    from host.sessions.calibrating import CalibrationKind, calibrate_gathered, lacking
+    from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
 
     if common["robot_path"] is None:
         raise click.UsageError("name the robot.toml that each fit hands on to the next: --robot")

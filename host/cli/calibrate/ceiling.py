@@ -14,7 +14,7 @@ from host.cli.calibrate.fitting import Fitting, result_options
 from host.cli.terminal.signals import signals_caught
 from host.config import Ceiling
 from host.messages import FloatArray
-from host.sessions.ceiling_pictures import tags_in_file, tags_seen_live
+from host.sessions.calibrating.ceiling_pictures import tags_in_file, tags_seen_live
 from host.sessions.robot import robot_configuration
 
 

@@ -17,8 +17,8 @@ from host.cli import options
 from host.cli.calibrate import gathering
 from host.errors import UserError
 from host.recording.log import SUFFIX
-from host.sessions.gathering import Advice
-from host.sessions.truth_files import TruthFile
+from host.sessions.calibrating.gathering import Advice
+from host.sessions.recordings.truth_files import TruthFile
 
 _UNMOUNTED = (
     "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "

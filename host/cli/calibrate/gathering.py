@@ -15,16 +15,16 @@ from host.cli import options
 from host.cli.options import progress_bar
 from host.cli.terminal.signals import signals_caught
 from host.errors import one_line
-from host.sessions.driving import driving_of
-from host.sessions.gathering import (
+from host.sessions.calibrating.gathering import (
     Advice,
     DriveWatch,
     calibration_rig,
     gather_from_devices,
     gather_source,
 )
+from host.sessions.live.driving import driving_of
+from host.sessions.recordings.truth_files import TruthFile
 from host.sessions.robot import robot_configuration
-from host.sessions.truth_files import TruthFile
 
 
 def from_source(source: str, robot_path: Path | None, truth: TruthFile | None = None) -> Gathered:

@@ -14,8 +14,8 @@ from host.cli.terminal.console import FRAME_S, LINE_S, Console, State
 from host.cli.terminal.signals import signals_caught
 from host.errors import UserError
 from host.pipeline import Sink
-from host.sessions import systemd
-from host.sessions.running import RunOutcome, run_devices
+from host.sessions.live import systemd
+from host.sessions.live.running import RunOutcome, run_devices
 from host.sources.rig import Rig
 from host.viewer.foxglove_server import DEFAULT_PORT, FoxgloveServer
 from host.viewer.scene import Scene

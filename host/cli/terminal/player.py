@@ -19,7 +19,7 @@ from host.messages import (
     Truth,
 )
 from host.pipeline import Now
-from host.sessions.replaying import Replayed
+from host.sessions.recordings.replaying import Replayed
 from host.viewer.playback import Playback, SeekBackError
 from host.viewer.server import Viewer
 

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from host.config_link import LinkSettings
+from host.config import LinkSettings
 from host.drivers.health import HealthReporter
 from host.drivers.link.protocol import DATAGRAM_BYTES, Heard, Receiver, Report, encode
 from host.drivers.reconnect import keep_connected

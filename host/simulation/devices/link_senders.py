@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from host.config_link import LinkSettings
+from host.config import LinkSettings
 from host.drivers.link.protocol import Report, encode
 from host.geometry import to_frame, to_parent
 from host.messages import FloatArray

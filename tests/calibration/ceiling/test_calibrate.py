@@ -21,7 +21,7 @@ from host.errors import UserError
 from host.geometry import to_parent
 from host.messages import FloatArray, Image
 from host.perception.aruco import TagFinder
-from host.sessions.ceiling_pictures import tags_in_file
+from host.sessions.calibrating.ceiling_pictures import tags_in_file
 from tests.calibration.wheels.test_calibrate import LAG_S, gathered, wandering
 from tests.perception.drawn_tags import draw
 

@@ -14,7 +14,7 @@ from host.cli.main import main
 from host.config import RobotConfig
 from host.messages import Bodies, Displacement
 from host.recording.log import Recording
-from host.sessions.gathering import with_mocap
+from host.sessions.calibrating.gathering import with_mocap
 from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
 

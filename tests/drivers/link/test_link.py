@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from host.config import parse_config
-from host.config_link import LinkSettings
+from host.config import LinkSettings, parse_config
 from host.drivers.link.device import Link
 from host.drivers.link.protocol import DATAGRAM_BYTES, Receiver, Report, decode, encode
 from host.errors import UserError

@@ -15,8 +15,8 @@ from host.geometry import Path as OdometryPath
 from host.messages import Bodies, Displacement, Scan
 from host.recording.elsewhere.bags import Bag
 from host.recording.log import Recording
-from host.sessions.evaluating import score_sources
-from host.sessions.exporting import export
+from host.sessions.offline.evaluating import score_sources
+from host.sessions.recordings.exporting import export
 from host.simulation.offline import Simulation
 from host.simulation.world import scenarios
 

@@ -28,8 +28,8 @@ from host.messages import (
 )
 from host.recording.content import digest
 from host.recording.log import Recording
-from host.sessions.decoding import Redecoder
 from host.sessions.figures import Tally, rounded, timing
+from host.sessions.recordings.decoding import Redecoder
 from host.sources.sensors import uses
 
 Watcher = Callable[[Message | None, Sequence[Estimate]], None]

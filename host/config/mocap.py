@@ -6,7 +6,8 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from host.config_cameras import Camera, Section, Text
+from host.config.cameras import Camera
+from host.config.section import Section, Text
 
 
 class NatNet(Section):

@@ -8,7 +8,7 @@ from typing import Any
 from host.config import RobotConfig
 from host.messages import DeviceBytes
 from host.recording.log import Recorder, RecordingHeader
-from host.sessions.runs import Progress, simulated, unseen
+from host.sessions.recordings.runs import Progress, simulated, unseen
 from host.simulation.world import scenarios
 from host.sources.sensors import LIDAR_AND_CAMERA, has
 

@@ -10,9 +10,9 @@ from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
 from host.pipeline import DRIVER, LOCALIZER, Driver
-from host.sessions.running import RunOutcome, never, run_devices
-from host.sessions.runs import Progress, find_source, read_as, simulated, unseen
-from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
+from host.sessions.live.running import RunOutcome, never, run_devices
+from host.sessions.recordings.runs import Progress, find_source, read_as, simulated, unseen
+from host.sessions.recordings.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
 from host.sources.rig import Rig, real_rig, simulated_rig

@@ -9,7 +9,7 @@ from host.config import RobotConfig
 from host.messages import DeviceBytes
 from host.recording.log import SUFFIX, Recorder
 from host.recording.tables import Tables
-from host.sessions.runs import Progress, open_recording, read_as, unseen
+from host.sessions.recordings.runs import Progress, open_recording, read_as, unseen
 
 
 def export(

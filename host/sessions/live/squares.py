@@ -16,9 +16,9 @@ from host.drivers.natnet.client import MOCAP
 from host.errors import UserError
 from host.geometry import to_frame
 from host.messages import FloatArray
-from host.sessions.driving import driving_of
-from host.sessions.gathering import with_mocap
-from host.sessions.running import never, run_devices
+from host.sessions.calibrating.gathering import with_mocap
+from host.sessions.live.driving import driving_of
+from host.sessions.live.running import never, run_devices
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_ONLY
 

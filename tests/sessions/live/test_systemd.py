@@ -13,7 +13,7 @@ import pytest
 
 from host.messages import Health
 from host.pipeline import LOCALIZER
-from host.sessions.systemd import Service, of_environment
+from host.sessions.live.systemd import Service, of_environment
 
 PATIENCE_S = 40.0
 

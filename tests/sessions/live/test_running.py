@@ -12,7 +12,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.messages import Displacement, Estimate, Message, Positions
 from host.recording.log import Recording
-from host.sessions.running import run_devices
+from host.sessions.live.running import run_devices
 from host.sources.rig import Rig
 
 

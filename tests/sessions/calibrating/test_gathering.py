@@ -2,7 +2,7 @@
 
 from host.config import RobotConfig
 from host.messages import Health
-from host.sessions.gathering import DriveWatch, gather_source, with_mocap
+from host.sessions.calibrating.gathering import DriveWatch, gather_source, with_mocap
 from host.sources.rig import Rig
 
 

@@ -19,7 +19,7 @@ from host.messages import (
     Positions,
     Scan,
 )
-from host.sessions import runs
+from host.sessions.recordings import runs
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world.arena import TURRET_RADIUS_M, Arena
 from host.simulation.world.furniture import nearest_points

@@ -21,7 +21,7 @@ from host.config import (
 )
 from host.errors import UserError
 
-EXAMPLE = Path(__file__).resolve().parents[1] / "robots" / "cherokey.toml"
+EXAMPLE = Path(__file__).resolve().parents[2] / "robots" / "cherokey.toml"
 SECTIONS = {
     name: field.annotation
     for name, field in RobotConfig.model_fields.items()

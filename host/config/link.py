@@ -5,7 +5,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from host.config_cameras import Section, Text
+from host.config.section import Section, Text
 
 _LEAST_KEY = 16  # characters: guessed sooner, if it is a word
 

@@ -6,8 +6,8 @@ import pytest
 from host.errors import UserError
 from host.messages import DeviceBytes, Displacement, Scan
 from host.recording.log import Recorder, Recording
-from host.sessions.decoding import Redecoder
-from host.sessions.replaying import replay_recording
+from host.sessions.recordings.decoding import Redecoder
+from host.sessions.recordings.replaying import replay_recording
 from tools.kill_recordings import what_a_run_records
 
 SCENARIO = "arena4:seconds=4,seed=2"

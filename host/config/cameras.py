@@ -1,26 +1,11 @@
 """The cameras' settings of robot.toml: pictures, lens and mounting, and the strip to look for."""
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-
-def _printable(text: str) -> str:
-    """The text. Raises ValueError for control characters, which would write over the screen."""
-    wrong = next((letter for letter in text if not letter.isprintable()), None)
-    if wrong is not None:
-        raise ValueError(f"it holds the control character {wrong!r}: remove it")
-    return text
-
-
-Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
-
-
-class Section(BaseModel):
-    """A table of robot.toml: immutable, unknown keys refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+from host.config.section import Section, Text
 
 
 class Camera(Section):

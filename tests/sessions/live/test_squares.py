@@ -6,8 +6,8 @@ import pytest
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.sessions import squares
-from host.sessions.squares import Standing, drive_square, square_rig
+from host.sessions.live import squares
+from host.sessions.live.squares import Standing, drive_square, square_rig
 
 
 def test_the_robot_has_stood_since_it_last_drove() -> None:

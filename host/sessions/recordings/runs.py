@@ -30,8 +30,8 @@ from host.messages import (
 )
 from host.recording.elsewhere.bags import PREFIX, Bag
 from host.recording.log import SUFFIXES, Recording
-from host.sessions.swarming import Swarm
-from host.sessions.truth_files import TruthFile, truth_of_scenario, with_truth
+from host.sessions.offline.swarming import Swarm
+from host.sessions.recordings.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.offline import OBSERVER, Simulation
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario

@@ -12,8 +12,8 @@ from host.calibration.wheels import calibrate as wheels
 from host.calibration.wheels.drives import drives_of
 from host.config import RobotConfig
 from host.errors import UserError
-from host.sessions.gathering import gather_source
-from host.sessions.truth_files import TruthFile
+from host.sessions.calibrating.gathering import gather_source
+from host.sessions.recordings.truth_files import TruthFile
 
 CalibrationKind = Literal["wheels", "lidar", "camera", "detection"]
 

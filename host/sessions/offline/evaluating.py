@@ -14,8 +14,8 @@ from host.evaluation.mrclam_scoring import CAMERA, MRCLAM_ROBOT, NewFilter
 from host.evaluation.truth_scoring import WARM_UP_S
 from host.messages import Displacement
 from host.recording.elsewhere import mrclam
-from host.sessions import runs
-from host.sessions.truth_files import TruthFile
+from host.sessions.recordings import runs
+from host.sessions.recordings.truth_files import TruthFile
 from host.simulation.offline import OBSERVER
 from host.simulation.world.scenarios import Scenario
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from host.messages import Displacement, Estimate
-from host.sessions.replaying import Comparison
+from host.sessions.recordings.replaying import Comparison
 
 
 def an_estimate(time):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from host.cli.main import main
 from host.config import Strip
 from host.errors import UserError
-from host.sessions.strip_sheet import PAPERS_MM, strip_sheet
+from host.perception.strips.sheet import PAPERS_MM, strip_sheet
 
 SVG = "{http://www.w3.org/2000/svg}"
 OVERLAP_MM = 10.0

@@ -7,8 +7,8 @@ import pytest
 
 from host.config import RobotConfig
 from host.messages import Displacement, Scan
-from host.sessions.runs import simulate_scenario
-from host.sessions.swarming import Swarm
+from host.sessions.offline.swarming import Swarm
+from host.sessions.recordings.runs import simulate_scenario
 from host.simulation.offline import OBSERVER
 from host.simulation.world.scenarios import parse_scenario
 

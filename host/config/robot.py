@@ -1,0 +1,98 @@
+"""robot.toml → typed configuration: everything about one robot, in one strict file.
+
+Units stand in the names (`_m`, `_rad`, `_s`, ...). An unknown key, a wrong unit or a value out
+of range is an error that names the key, the line and the bound. Every value has a working default.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from host.config.cameras import Cameras
+from host.config.errors import explain_settings, explain_toml
+from host.config.filters import FilterSettings
+from host.config.lidar import Lidar
+from host.config.link import LinkSettings
+from host.config.mocap import Mocap
+from host.config.section import Section, Text
+from host.config.wheels import Board, Motors, Wheels
+from host.errors import UserError
+
+# Settings of `phd` before it had a velocity; recordings of that time hold them.
+_ONCE_OF_FILTERS = (
+    "motion_noise_m",
+    "motion_growth_per_s",
+    "obstacle_share",
+    "birth_per_m2",
+    "report_weight",
+    "report_sigma_m",
+    "prune_weight",
+    "merge_distance",
+    "capacity",
+)
+
+
+class RobotConfig(Section):
+    """robot.toml: one robot."""
+
+    name: Text = "cherokey"
+    wheels: Wheels = Wheels()
+    motors: Motors = Motors()
+    board: Board = Board()
+    lidar: Lidar = Lidar()
+    camera: Cameras = Cameras()
+    filter: FilterSettings = FilterSettings()
+    mocap: Mocap = Mocap()
+    link: LinkSettings = LinkSettings()
+
+
+def recorded_config(content: dict[str, Any]) -> RobotConfig:
+    """The configuration of a recording, without settings that filters had once.
+
+    Raises pydantic's ValidationError for anything else that it cannot be.
+    """
+    settings = content.get("filter")
+    if isinstance(settings, dict):
+        kept = {key: value for key, value in settings.items() if key not in _ONCE_OF_FILTERS}
+        content = {**content, "filter": kept}
+    return RobotConfig.model_validate(content)
+
+
+def load_config(path: str | Path) -> RobotConfig:
+    """Read robot.toml. Raises UserError naming key, line and bound for whatever is wrong in it."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise UserError(
+            f"cannot read the configuration {path}",
+            error.strerror or str(error),
+            "write one with `swarmloc init FILE` and pass it with --robot FILE",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{path}, line {error.object.count(10, 0, error.start) + 1}: no text in UTF-8",
+            f"byte {error.start} is not",
+            "save it as UTF-8",
+        ) from error
+    return parse_config(text, str(path))
+
+
+def parse_config(text: str, name: str = "robot.toml") -> RobotConfig:
+    """Check and convert the text of a robot.toml; `name` is what errors call it."""
+    try:
+        return RobotConfig.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{name} is not valid TOML", explain_toml(error, text)) from error
+    except RecursionError as error:
+        raise UserError(
+            f"{name} cannot be read",
+            "brackets or tables are nested hundreds deep",
+            "write it as in robots/cherokey.toml",
+        ) from error
+    except ValidationError as error:
+        lines = explain_settings(error, RobotConfig, text)
+        raise UserError(
+            f"{name}: {len(lines)} setting(s) cannot be used", "\n".join(lines[:5])
+        ) from error

@@ -1,0 +1,54 @@
+"""The settings of the wheels, the board that drives them and its motors, in robot.toml."""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from host.config.section import Section, Text, registered
+from host.registry import BOARDS
+
+
+class Wheels(Section):
+    """The differential drive (Perera 2021 eq. 31–32) and the noise of its odometry.
+
+    The noise is that of a random walk: its standard deviation grows with the square root of the
+    distance driven or of the angle turned.
+    """
+
+    left_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
+    right_radius_m: float = Field(0.0325, gt=0.005, lt=0.5)
+    track_m: float = Field(0.144, gt=0.02, lt=2.0)
+    counts_per_turn: int = Field(1920, ge=4, le=100_000)
+    periods_per_turn: int = Field(960, ge=0, le=50_000)  # of an encoder channel; 0: not known
+    distance_noise_m: float = Field(0.02, ge=0.0, lt=1.0)  # std after 1 m
+    heading_noise_rad: float = Field(0.05, ge=0.0, lt=1.0)  # std of the heading after 1 rad
+    drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # std of the heading after 1 m
+    max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
+    max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
+
+
+class Board(Section):
+    """The board that counts ticks and drives the motors; port "auto": found by its USB ids."""
+
+    model: Annotated[str, AfterValidator(registered(BOARDS))] = "romeo"
+    port: Text = "auto"
+    report_rate_hz: int = Field(50, ge=10, le=100)
+
+
+class Motors(Section):
+    """Which motors and encoders are wired the other way round, and how speeds are controlled.
+
+    The host sends these settings to the board at each connection. duty = (v + proportional * e +
+    integral_per_s * sum of e over time) / full_speed, with the commanded speed v and the speed
+    error e.
+    """
+
+    left_reversed: bool = False
+    right_reversed: bool = False
+    left_encoder_reversed: bool = False
+    right_encoder_reversed: bool = False
+    full_speed_mps: float = Field(0.54, gt=0.02, lt=5.0)  # at full duty, running freely
+    proportional: float = Field(2.0, ge=0.0, lt=15.95)
+    integral_per_s: float = Field(8.0, ge=0.0, lt=15.95)
+    acceleration_mps2: float = Field(1.5, ge=0.05, le=20.0)
+    runaway_s: float = Field(0.3, ge=0.0, le=60.0)  # 0: never, for boards without encoders
