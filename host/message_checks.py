@@ -10,7 +10,14 @@ from functools import singledispatch
 
 import numpy as np
 
-from host.messages import Bearings, Displacement, FloatArray, Positions, Scan
+from host.messages import (
+    Bearings,
+    Displacement,
+    FloatArray,
+    Positions,
+    Scan,
+    TeammateOdometry,
+)
 
 _FARTHEST_M = 1e3  # beyond this no sensor of a robot sees, and no robot drives in one interval
 _LARGEST_RAD = 1e3  # angles need not be wrapped
@@ -35,7 +42,8 @@ def check(message: object) -> None:
 def fault(message: object) -> str | None:
     """What is wrong with a message, in words; None where nothing is.
 
-    Looked at are Scan, Positions, Bearings and Displacement; of other things nothing is asked.
+    Looked at are Scan, Positions, Bearings, Displacement and TeammateOdometry; of other things
+    nothing is asked.
     """
     try:
         _inspect(message)
@@ -106,6 +114,11 @@ def _(motion: Displacement) -> None:
     _number("dpsi", motion.dpsi, -_LARGEST_RAD, _LARGEST_RAD)
     _number("translation_variance", motion.translation_variance, 0.0, _MOST_VARIANCE)
     _number("heading_variance", motion.heading_variance, 0.0, _MOST_HEADING_VARIANCE)
+
+
+@_inspect.register
+def _(heard: TeammateOdometry) -> None:
+    _inspect(heard.step)
 
 
 def _number(name: str, value: object, least: float, most: float) -> None:

@@ -117,11 +117,47 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
-    """Who a teammate is, by the odometry that it sends: robot `identity`, with `probability`.
+class TeammateOdometry:
+    """How robot `identity` says over the link that it moved in the `interval` s that end at `time`.
 
-    heading (rad): in the robot frame.
+    The rest as in `Displacement`. restarted: it began anew, what it sent before is void.
     """
+
+    time: float
+    identity: int
+    interval: float
+    dx: float
+    dy: float
+    dpsi: float
+    translation_variance: float = 0.0
+    heading_variance: float = 0.0
+    restarted: bool = False
+
+    @property
+    def step(self) -> Displacement:
+        """The same as a displacement of that robot."""
+        variances = self.translation_variance, self.heading_variance
+        return Displacement(self.time, self.interval, self.dx, self.dy, self.dpsi, *variances)
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """Who the teammates of the estimate of `time` are, by the odometry that they send.
+
+    labels (n,) of the estimate, with the robots' numbers: identities (n,); probabilities (n,);
+    headings (n,) rad, in the robot frame at `time`. Teammates that are not recognized are left out.
+    """
+
+    time: float
+    labels: IntArray
+    identities: IntArray
+    probabilities: FloatArray
+    headings: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """One of `Names`: robot `identity`, with `probability`; heading (rad) in the robot frame."""
 
     identity: int
     probability: float
@@ -210,4 +246,6 @@ Message = (
     | DeviceBytes
     | DeviceIdentity
     | Picture
+    | TeammateOdometry
+    | Names
 )

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
 
-from host.cross_checks.checks import CrossChecks
 from host.drivers.pace import Pace
 from host.errors import UserError
 from host.estimator.interface import Judge
@@ -64,6 +63,13 @@ class Driver(Source, Protocol):
         """Note where teammates are now, ten times a second, in the localizer's thread."""
 
 
+class Follower(Protocol):
+    """What makes messages of its own of those that go by (`CrossChecks`, `Naming`)."""
+
+    def take(self, message: Message, /) -> Message | None:
+        """Note a message, or an estimate made of it, in the localizer's thread."""
+
+
 @dataclass(frozen=True, slots=True)
 class Now:
     """What is known at this moment, whenever it was measured.
@@ -89,9 +95,9 @@ class Pipeline:
     sources, sinks: by the name that Health calls them. truth: where the teammates are at a time
     (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
     is set where the localizer fails. failures: by name, what ended a part before its time.
-    checks: compare the sensors with each other; None: nobody does. watch: told ten times a second
-    what is known now, in the localizer's thread. driver: drives on what the devices measure and
-    the localizer knows.
+    followers: by name; what they make goes to the sinks. watch: told ten times a second what is
+    known now, in the localizer's thread. driver: drives on what the devices measure and the
+    localizer knows.
     """
 
     def __init__(
@@ -101,7 +107,7 @@ class Pipeline:
         sinks: Mapping[str, Sink],
         truth: Callable[[float], Truth] | None = None,
         clock: Callable[[], float] = time.monotonic,
-        checks: CrossChecks | None = None,
+        followers: Mapping[str, Follower] | None = None,
         watch: Callable[[Now], None] = unwatched,
         driver: Driver | None = None,
     ) -> None:
@@ -111,7 +117,7 @@ class Pipeline:
         self._sinks = dict(sinks)
         self._truth = truth
         self._clock = clock
-        self._checks = checks
+        self._followers = dict(followers or {})
         self._watch = watch
         self._driver = driver
         self._next_look = -math.inf
@@ -202,15 +208,15 @@ class Pipeline:
         sound = fault(message) is None
         if sound:
             self._deliver(message)
+        estimates: list[Estimate] = []
         if isinstance(message, Scan | Positions | Bearings | Displacement):
             start = time.perf_counter()
             estimates = self._localizer.handle(message)
             self._busy_s += time.perf_counter() - start
             self._publish(estimates)
-        # The comparison takes milliseconds now and then, for which no estimate waits.
-        health = self._checks.take(message) if sound and self._checks is not None else None
-        if health is not None:
-            self._deliver(health)
+        # Followers take milliseconds now and then, for which no estimate waits.
+        if sound:
+            self._follow([message, *estimates])
 
     def _publish(self, estimates: Sequence[Estimate]) -> None:
         self._counts["estimates"] += len(estimates)
@@ -227,6 +233,19 @@ class Pipeline:
                 # A full disk ends the recording, not the run.
                 del self._sinks[name]
                 self._report_failure(name, error, self._deliver)
+
+    def _follow(self, messages: Sequence[Message]) -> None:
+        for name, follower in list(self._followers.items()):
+            try:
+                made = [follower.take(message) for message in messages]
+            except Exception as error:
+                # As with a sink: the run goes on without it.
+                del self._followers[name]
+                self._report_failure(name, error, self._deliver)
+                continue
+            for each in made:
+                if each is not None:
+                    self._deliver(each)
 
     def _look(self) -> None:
         """Tell the watcher what is known now, when it is due."""

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 from host.config import RobotConfig
 from host.estimator.profiles import filter_entry
 from host.message_checks import check, fault
-from host.messages import Bearings, Displacement, Positions
+from host.messages import Bearings, Displacement, Positions, TeammateOdometry
 from host.registry import FILTERS
 from host.simulation.offline import Simulation
 from host.simulation.world.scenarios import parse_scenario
@@ -53,6 +53,15 @@ def test_each_way_to_spoil_a_message_is_reported(kind: str) -> None:
 def test_the_words_name_the_reading_and_what_is_wrong_with_it(matrix: object, words: str) -> None:
     covariances = np.stack((np.eye(2), np.array(matrix)))
     assert words in str(fault(Positions(0.0, np.zeros((2, 2)), covariances)))
+
+
+@pytest.mark.parametrize("field", ["time", "interval", "dx", "dpsi", "heading_variance"])
+def test_what_a_teammate_sends_is_checked_as_a_displacement(field: str) -> None:
+    heard = TeammateOdometry(1.0, 3, 0.1, 0.02, 0.0, 0.01, 1e-6, 1e-6)
+    assert fault(heard) is None
+    wrong = fault(dataclasses.replace(heard, **{field: math.nan}))
+    assert wrong is not None
+    assert wrong.startswith(f"TeammateOdometry: {field} is nan")
 
 
 _ANYTHING = st.one_of(

@@ -301,7 +301,7 @@ def test_what_the_cross_checks_report_reaches_the_sinks():
         a_localizer(),
         {"lidar": Emits(a_reading(1.0))},
         {"inbox": inbox},
-        checks=Contradicts(RobotConfig()),
+        followers={"cross-checks": Contradicts(RobotConfig())},
     ):
         inbox.wait_for(lambda m: isinstance(m, Health) and m.reason == "contradiction")
     assert len([m for m in inbox.of(Health) if m.device == "cross-check"]) == 1

@@ -86,7 +86,14 @@ def replay(
 
     def once(player: Player) -> Replayed:
         return replay_recording(
-            recording, robot, sensors, [player.take], from_bytes, player.used, view is not None
+            recording,
+            robot,
+            sensors,
+            [player.take],
+            from_bytes,
+            player.used,
+            view is not None,
+            player.naming,
         )
 
     with contextlib.ExitStack() as stack:

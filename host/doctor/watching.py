@@ -74,7 +74,10 @@ def watch(
     localizer = Localizer(rig.config, profiles.make(rig.config.filter.profile, rig.config))
     sources = {**rig.sources, **more}
     with Pipeline(
-        localizer, sources, {"doctor": watched.take}, checks=CrossChecks(rig.config)
+        localizer,
+        sources,
+        {"doctor": watched.take},
+        followers={"cross-checks": CrossChecks(rig.config)},
     ) as pipeline:
         begin = time.monotonic()
         while (passed := time.monotonic() - begin) < seconds and not pipeline.stop.wait(0.2):

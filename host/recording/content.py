@@ -27,8 +27,10 @@ from host.messages import (
     Estimate,
     Health,
     Message,
+    Names,
     Positions,
     Scan,
+    TeammateOdometry,
     Truth,
 )
 from host.recording.arrays import STEPS, pack, packed_length, rounded, unpack
@@ -41,13 +43,13 @@ class RecordedEstimate(Estimate):
     digest: bytes = b""
 
 
-def digest(estimate: Estimate) -> bytes:
-    """Eight bytes that are others where a bit of an estimate is another."""
-    if isinstance(estimate, RecordedEstimate):
-        return estimate.digest
+def digest(made: Estimate | Names) -> bytes:
+    """Eight bytes that are others where a bit of what was made is another."""
+    if isinstance(made, RecordedEstimate):
+        return made.digest
     hashed = hashlib.blake2b(digest_size=8)
-    for field in fields(Estimate):
-        value = np.asarray(getattr(estimate, field.name))
+    for field in fields(made):
+        value = np.asarray(getattr(made, field.name))
         hashed.update(repr(value.shape).encode() + value.tobytes())
     return hashed.digest()
 
@@ -58,7 +60,7 @@ _KINDS: dict[str, type[Message]] = {
         kind.__name__.lower(): kind
         for kind in (
             *(Scan, Positions, Bearings, Displacement, Truth, Bodies, Health),
-            DeviceIdentity,
+            *(DeviceIdentity, TeammateOdometry, Names),
         )
     },
 }

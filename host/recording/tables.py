@@ -23,13 +23,19 @@ from host.messages import (
     Estimate,
     Health,
     Message,
+    Names,
     Positions,
     Scan,
+    TeammateOdometry,
     Truth,
 )
 
 Rows = Iterable[Iterable[Any]]
 _COVARIANCE = ("xx_m2", "xy_m2", "yy_m2")
+_MOTION = (
+    *("time_s", "interval_s", "dx_m", "dy_m", "dpsi_rad"),
+    *("translation_variance_m2", "heading_variance_rad2"),
+)
 
 
 def _scan(scan: Scan) -> Rows:
@@ -50,8 +56,22 @@ def _bearings(seen: Bearings) -> Rows:
 
 
 def _displacement(step: Displacement) -> Rows:
+    yield *_motion(step), *(step.ticks or ("", ""))
+
+
+def _teammate_odometry(heard: TeammateOdometry) -> Rows:
+    yield *_motion(heard), heard.identity, heard.restarted
+
+
+def _motion(step: Displacement | TeammateOdometry) -> tuple[float, ...]:
     moved = step.dx, step.dy, step.dpsi, step.translation_variance, step.heading_variance
-    yield step.time, step.interval, *moved, *(step.ticks or ("", ""))
+    return step.time, step.interval, *moved
+
+
+def _names(names: Names) -> Rows:
+    columns = names.labels, names.identities, names.probabilities, names.headings
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return ((names.time, *row) for row in rows)
 
 
 def _estimate(estimate: Estimate) -> Rows:
@@ -102,14 +122,13 @@ _TABLES: dict[str, tuple[type[Message], tuple[str, ...], Callable[[Any], Rows]]]
         ),
         _bearings,
     ),
-    "displacement": (
-        Displacement,
-        (
-            *("time_s", "interval_s", "dx_m", "dy_m", "dpsi_rad"),
-            *("translation_variance_m2", "heading_variance_rad2", "left_ticks", "right_ticks"),
-        ),
-        _displacement,
+    "displacement": (Displacement, (*_MOTION, "left_ticks", "right_ticks"), _displacement),
+    "teammate_odometry": (
+        TeammateOdometry,
+        (*_MOTION, "identity", "restarted"),
+        _teammate_odometry,
     ),
+    "names": (Names, ("time_s", "label", "identity", "probability", "heading_rad"), _names),
     "estimate": (
         Estimate,
         ("time_s", "label", "x_m", "y_m", *_COVARIANCE, "weight", "age_s"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Bearings, Estimate, Health, Measurement, Message, Truth
+from host.messages import Bearings, Estimate, Health, Measurement, Message, Names, Truth
 
 
 class Tally:
@@ -22,6 +22,9 @@ class Tally:
         self._estimate: Estimate | None = None
         self._truths = self._within = 0
         self._errors, self._error_sum_m = 0, 0.0
+        self._names: Names | None = None
+        self._named = 0
+        self._recognized: set[int] = set()
 
     def take(self, message: Message) -> None:
         """Count a message; truth follows the estimate it belongs to."""
@@ -29,6 +32,11 @@ class Tally:
             self.estimates += 1
             self.reported += len(message.positions)
             self._estimate = message
+            if self._names is not None:
+                self._named += int(np.sum(np.isin(message.labels, self._names.labels)))
+        elif isinstance(message, Names):
+            self._names = message
+            self._recognized |= set(message.identities.tolist())
         elif isinstance(message, Health):
             self.health[message.device] = message
         elif isinstance(message, Truth) and self._estimate is not None:
@@ -47,6 +55,9 @@ class Tally:
         if self._truths:
             figures["teammates_in_range"] = _mean(self._within, self._truths)
             figures["mean_error_mm"] = _mean(1000.0 * self._error_sum_m, self._errors)
+        if self._names is not None:
+            figures["recognized"] = sorted(self._recognized)
+            figures["named_share"] = _mean(self._named, self.reported)
         return figures
 
     def devices(self) -> dict[str, dict[str, Any]]:

@@ -26,9 +26,11 @@ from host.messages import (
     Displacement,
     Estimate,
     Health,
+    Names,
     Picture,
     Positions,
     Scan,
+    TeammateOdometry,
     Truth,
 )
 from host.recording.content import digest
@@ -39,7 +41,7 @@ HEADER = RecordingHeader(
 )
 KINDS = (
     *(Scan, Positions, Bearings, Displacement, Estimate, Truth, Bodies, Health),
-    DeviceIdentity,
+    *(DeviceIdentity, TeammateOdometry, Names),
 )
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

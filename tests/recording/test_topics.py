@@ -19,6 +19,7 @@ from host.messages import (
     Estimate,
     Health,
     Message,
+    Names,
     Scan,
     Truth,
 )
@@ -47,6 +48,7 @@ def what_happened() -> list[Message]:
     one = np.ones(2)
     places = np.array([[1.0, 2.0], [-0.5, 0.25]])
     messages += [
+        Names(1.9, np.array([8]), np.array([2]), np.ones(1), np.zeros(1)),
         Estimate(2.0, places, covariance, one, one, np.array([3, 8]), np.array([[1.0, -1.0]])),
         Truth(2.0, np.array([1]), np.array([[1.01, 2.01]])),
         Bodies(2.0, np.array([5]), np.array([[0.1, 0.2, math.pi / 2]])),
@@ -151,7 +153,7 @@ def test_teammates_are_poses_and_ellipses_of_two_standard_deviations(topics):
         (4.0 * math.sqrt(0.03), 4.0 * math.sqrt(0.01))
     )
     assert heading(second.pose) % math.pi == pytest.approx(math.pi / 4)
-    assert [marker.text for marker in by_name["label"]] == ["3", "8"]
+    assert [marker.text for marker in by_name["label"]] == ["3", "robot 2"]
     ((obstacle),) = by_name["obstacle"]
     assert (obstacle.pose.position.x, obstacle.pose.position.y) == (1.0, -1.0)
     (truth,) = topics["/teammates/truth"]

@@ -9,9 +9,8 @@ import pytest
 
 from host.config import RobotConfig
 from host.drivers.link.device import Link
-from host.drivers.link.protocol import Heard
 from host.geometry import Path, to_frame, to_parent, wrap
-from host.messages import Displacement, Estimate
+from host.messages import Displacement, Estimate, Health, TeammateOdometry
 from host.simulation.live import LiveSimulation
 from host.simulation.world.scenarios import parse_scenario
 from host.systems.id_phd.naming import Naming
@@ -28,12 +27,7 @@ class Swarm:
         self.own = np.zeros(3)
         self.poses = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 2.0], [-1.0, -0.3, -1.0]])
         self.time = 0.0
-        self.heard = []
-        self.naming = Naming(self.take_heard)
-
-    def take_heard(self):
-        taken, self.heard = self.heard, []
-        return taken
+        self.naming = Naming()
 
     def step(self, lost=0.0):
         self.time += STEP_S
@@ -44,10 +38,10 @@ class Swarm:
             move = np.array([[0.015, 0.0]])
             place = to_parent(move, self.poses[robot])[0]
             self.poses[robot] = [*place, self.poses[robot, 2] + turned]
-            step = Displacement(self.time, STEP_S, 0.015, 0.0, turned, 1e-6, 1e-6)
             if self.random.uniform() >= lost:
-                self.heard.append(Heard(robot + 5, step))
-        return self.naming.names(self.estimate())
+                moved = STEP_S, 0.015, 0.0, turned, 1e-6, 1e-6
+                self.naming.take(TeammateOdometry(self.time, robot + 5, *moved))
+        return self.naming.take(self.estimate())
 
     def estimate(self):
         places = to_frame(self.poses[:, :2], self.own) + self.random.normal(0.0, 0.01, (3, 2))
@@ -62,7 +56,8 @@ class Swarm:
 def test_labels_get_the_names_and_headings_of_their_robots(seed):
     swarm = Swarm(seed)
     for _ in range(80):
-        names = swarm.step()
+        swarm.step()
+    names = swarm.naming.at(swarm.time)
     assert set(names) == set(LABELS.tolist())
     for robot, label in enumerate(LABELS.tolist()):
         assert names[label].identity == robot + 5
@@ -71,44 +66,59 @@ def test_labels_get_the_names_and_headings_of_their_robots(seed):
         assert abs(off) < math.radians(8.0)
 
 
+def test_what_is_found_is_of_the_time_of_an_estimate():
+    """What `at` carries to that time is the same; nobody is named twice or without a label."""
+    swarm, made = Swarm(2), []
+    for _ in range(60):
+        names = swarm.step()
+        if names is not None:
+            made.append(names)
+            at_once = swarm.naming.at(names.time)
+            assert list(at_once) == names.labels.tolist()
+            assert [each.heading for each in at_once.values()] == names.headings.tolist()
+            assert len(set(names.identities.tolist())) == len(names.identities)
+    steps_s = np.diff([names.time for names in made])
+    assert 0.19 < steps_s.min() <= steps_s.max() < 0.31
+    assert swarm.time - made[-1].time < 0.6
+    assert set(made[-1].identities.tolist()) == {5, 6, 7}
+
+
 def test_who_is_not_heard_has_no_name():
     swarm = Swarm(1)
-    swarm.naming = Naming(lambda: [])
     for _ in range(10):
-        assert swarm.step() == {}
+        assert swarm.step(lost=1.0) is None
+    assert swarm.naming.at(swarm.time) == {}
 
 
 def test_a_robot_that_starts_again_is_recognized_anew():
     swarm = Swarm(3)
     for _ in range(40):
         swarm.step()
-    still = Displacement(swarm.time, 0.0, 0.0, 0.0, 0.0)
-    swarm.heard.append(Heard(5, still, restarted=True))
+    swarm.naming.take(TeammateOdometry(swarm.time, 5, 0.0, 0.0, 0.0, 0.0, restarted=True))
     for _ in range(60):
-        names = swarm.step()
-    assert names[40].identity == 5
+        swarm.step()
+    assert swarm.naming.at(swarm.time)[40].identity == 5
 
 
 def test_simulated_teammates_send_signed_odometry():
     """With the real link: what it hears integrates to how the teammates drove, to their gains."""
     scenario, stop = parse_scenario("arena4:seed=2,link_hz=20"), threading.Event()
-    heard, health, paths = [], [], {}
+    news, paths = [], {}
     with LiveSimulation(scenario, RobotConfig()) as live:
         link = Link(live.config.link)
-        thread = threading.Thread(target=link.run, args=(health.append, stop))
+        thread = threading.Thread(target=link.run, args=(news.append, stop))
         thread.start()
-        begin = time.monotonic()
-        while time.monotonic() < begin + 2.0:
-            time.sleep(0.05)
-            heard += link.heard()
+        time.sleep(2.0)
         stop.set()
         thread.join()
+        heard = [each for each in news if isinstance(each, TeammateOdometry)]
         for each in heard:
-            paths.setdefault(each.robot, Path()).append(each.step)
+            paths.setdefault(each.identity, Path()).append(each.step)
         assert set(paths) == {1, 2, 3}
         for robot, path in paths.items():
-            first = next(each.step.time for each in heard if each.robot == robot)
+            first = next(each.time for each in heard if each.identity == robot)
             truth = live._simulation.arena.poses(np.array([first, path.end]) - live._start)
             (x, y) = to_frame(truth[1, robot, :2], truth[0, robot])
             assert np.hypot(*path.last[:2]) == pytest.approx(math.hypot(x, y), abs=0.03)
+    health = [each for each in news if isinstance(each, Health)]
     assert any(each.reason == "hears robot 1, 2, 3" for each in health)

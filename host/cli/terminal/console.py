@@ -16,25 +16,21 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TextIO
 
-import numpy as np
 import segno
 
+from host.cli.terminal import teammates
+from host.cli.terminal.teammates import Paint
 from host.errors import one_line
-from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Estimate, FloatArray, Health, Message
+from host.messages import Health, Message
 from host.pipeline import Now
 
 FRAME_S = 0.2
 LINE_S = 1.0
 _WIDEST = 100  # columns: longer lines are hard to read
-_OLD_S = 1.0
 _SILENT_S = 0.6  # some revolutions: then the sensors say nothing
 _HOME, _TO_LINE_END, _TO_SCREEN_END = "\x1b[H", "\x1b[K", "\x1b[J"
 _CLEAR, _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[2J", "\x1b[?25l", "\x1b[?25h"
 _CODES = {"bold": "1", "dim": "2", "red": "31;1", "green": "32", "": ""}
-_COLUMNS = "{:>3} {:>8} {:>8} {:>8} {:>12} {:>9} {:>7} {:>6}"
-
-Paint = Callable[[str, str], str]
 
 
 def plain(text: str, style: str) -> str:
@@ -76,7 +72,7 @@ def frame(state: State, width: int, paint: Paint = plain) -> list[str]:
     return [
         *_header(state, width, paint),
         "",
-        *_table(state, paint),
+        *_table(state, width, paint),
         "",
         *_devices(state, width, paint),
         *(_code(state.page.split()[0]) if "token=" in state.page else []),
@@ -112,22 +108,15 @@ def _header(state: State, width: int, paint: Paint) -> list[str]:
     return [*lines, f"live page   {state.page}"] if state.page else lines
 
 
-def _table(state: State, paint: Paint) -> list[str]:
-    heading = _COLUMNS.format(
-        "no", "x m", "y m", "dist m", "bearing deg", "sigma mm", "weight", "age s"
-    )
+def _table(state: State, width: int, paint: Paint) -> list[str]:
     if state.now is None:
-        return [paint(heading, "dim"), "  no estimate yet", "", paint(_tally(state), "bold")]
-    estimate, truth = state.now.estimate, state.now.truth
-    if truth is not None:
-        heading += f" {'error mm':>9}"
-    lines = [paint(heading, "dim")]
-    errors = None if truth is None else errors_m(estimate, truth)
-    for k in np.argsort(estimate.labels, kind="stable"):
-        lines.append(_teammate(estimate, int(k), errors, paint))
-    if len(lines) == 1:
-        lines.append("  no teammate in sight")
-    lines += ["", paint(_tally(state), "bold")]
+        return [
+            paint(teammates.HEADING, "dim"),
+            "  no estimate yet",
+            "",
+            paint(_tally(state), "bold"),
+        ]
+    lines = [*teammates.table(state.now, width, paint), "", paint(_tally(state), "bold")]
     if state.silent_s > _SILENT_S:
         lines.append(paint(_silence(state.silent_s), "red"))
     return lines
@@ -139,49 +128,8 @@ def _silence(silent_s: float) -> str:
     )
 
 
-def _teammate(estimate: Estimate, k: int, errors: FloatArray | None, paint: Paint) -> str:
-    x, y = (float(value) for value in estimate.positions[k])
-    sigma_mm = 1000.0 * math.sqrt(0.5 * float(np.trace(estimate.covariances[k])))
-    age = float(estimate.ages[k])
-    row = _COLUMNS.format(
-        int(estimate.labels[k]),
-        f"{x:+.3f}",
-        f"{y:+.3f}",
-        f"{math.hypot(x, y):.3f}",
-        f"{math.degrees(math.atan2(y, x)):+.1f}",
-        f"{sigma_mm:.0f}",
-        f"{estimate.weights[k]:.2f}",
-        f"{age:.1f}",
-    )
-    row = paint(row, "dim" if age > _OLD_S else "")
-    if errors is None:
-        return row
-    if math.isnan(errors[k]):
-        return row + paint(f" {'false':>9}", "red")
-    return row + f" {1000.0 * errors[k]:9.0f}"
-
-
 def _tally(state: State) -> str:
-    if state.now is None:
-        return "no estimate yet"
-    estimate, truth = state.now.estimate, state.now.truth
-    count = len(estimate.positions)
-    words = f"{count} teammate{'' if count == 1 else 's'}"
-    if len(estimate.obstacles):
-        known = len(estimate.obstacles)
-        words += f", {known} obstacle{'' if known == 1 else 's'}"
-    if truth is None:
-        return words
-    near, truly = (_in_range(each.positions) for each in (estimate, truth))
-    words += f"; within {RANGE_M:.1f} m {near}, truly {truly}"
-    errors = errors_m(estimate, truth)
-    if not np.all(np.isnan(errors)):
-        words += f"; mean error {1000.0 * np.nanmean(errors):.0f} mm"
-    return words
-
-
-def _in_range(positions: FloatArray) -> int:
-    return int(np.sum(np.linalg.norm(positions, axis=1) <= RANGE_M))
+    return "no estimate yet" if state.now is None else teammates.tally(state.now)
 
 
 def _devices(state: State, width: int, paint: Paint) -> list[str]:

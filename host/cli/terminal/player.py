@@ -19,7 +19,8 @@ from host.messages import (
     Truth,
 )
 from host.pipeline import Now
-from host.sessions.recordings.replaying import Replayed
+from host.sessions.recordings.replaying import Replayed, Result
+from host.systems.id_phd.naming import Naming
 from host.viewer.playback import Playback, SeekBackError
 from host.viewer.server import Viewer
 
@@ -32,7 +33,10 @@ class EndedError(Exception):
 
 
 class Player:
-    """Shows messages on the screen and the page when the playback comes to them."""
+    """Shows messages on the screen and the page when the playback comes to them.
+
+    naming: is to be given what is replayed; it knows the names.
+    """
 
     def __init__(
         self,
@@ -42,6 +46,7 @@ class Player:
         ended: Callable[[], bool],
     ) -> None:
         self._console, self._playback, self._viewer = console, playback, viewer
+        self.naming = Naming()
         self._ended = ended
         self._next_frame = time.monotonic()
         self._estimate: Estimate | None = None
@@ -49,7 +54,7 @@ class Player:
         self._pictures: dict[str, tuple[bytes, Bearings]] = {}  # by camera, to be shown
         self._truths: deque[Truth] = deque(maxlen=8)  # the last ones
 
-    def take(self, message: Message | None, made: Sequence[Estimate]) -> None:
+    def take(self, message: Message | None, made: Sequence[Result]) -> None:
         """Wait until a message is due, then show it and what was made of it."""
         if isinstance(message, Displacement):  # they come all the time, and at once
             self._playback.reach(message.time, self.show)
@@ -63,8 +68,9 @@ class Player:
             self._console.take(message)
             if self._viewer is not None:
                 self._viewer.take(message)
-        if made:
-            self._estimate = made[-1]
+        estimates = [each for each in made if isinstance(each, Estimate)]
+        if estimates:
+            self._estimate = estimates[-1]
             self._playback.estimated()
         if message is None:
             self.show()
@@ -85,7 +91,7 @@ class Player:
         if self._estimate is not None:
             moment = self._estimate.time
             truth = min(self._truths, key=lambda each: abs(each.time - moment), default=None)
-            now = Now(self._estimate, moment, truth)
+            now = Now(self._estimate, moment, truth, self.naming.at(moment))
             self._console.look(now)
             if self._viewer is not None:
                 self._viewer.look(now)

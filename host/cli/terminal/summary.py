@@ -16,6 +16,8 @@ def summary(figures: Mapping[str, Any]) -> str:
     lines = {"time": _time(figures)}
     if figures["updates"]:
         lines["teammates"] = _teammates(figures)
+        if "recognized" in figures:
+            lines["names"] = _names(figures)
         if "mean_error_mm" in figures:
             lines["error"] = _error(figures["mean_error_mm"], "mean")
         if "gospa_m" in figures:
@@ -29,6 +31,8 @@ def summary(figures: Mapping[str, Any]) -> str:
         lines["simulated"] = f"board: {figures['simulated_board']}"
     if "recorded_estimates" in figures:
         lines["estimates"] = figures["recorded_estimates"]
+    if "recorded_names" in figures:
+        lines["recorded names"] = figures["recorded_names"]
     if "recording" in figures:
         lines["recording"] = figures["recording"]
     lines |= {name: _device(device) for name, device in figures["devices"].items()}
@@ -48,6 +52,13 @@ def _teammates(figures: Mapping[str, Any]) -> str:
         within = figures["teammates_in_range"]
         text += f", {within:.1f} truly within {RANGE_M:.1f} m (simulation)"
     return text
+
+
+def _names(figures: Mapping[str, Any]) -> str:
+    if not figures["recognized"]:
+        return "nobody recognized by the odometry that came over the link"
+    robots = ", ".join(map(str, figures["recognized"]))
+    return f"robot {robots} recognized; {100.0 * figures['named_share']:.0f} % of reports named"
 
 
 def _error(error_mm: float | None, kind: str) -> str:

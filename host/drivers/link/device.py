@@ -3,12 +3,11 @@
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
 from host.config import LinkSettings
 from host.drivers.health import HealthReporter
-from host.drivers.link.protocol import DATAGRAM_BYTES, Heard, Receiver, Report, encode
+from host.drivers.link.protocol import DATAGRAM_BYTES, Receiver, Report, encode
 from host.drivers.reconnect import keep_connected
 from host.errors import UserError
 from host.geometry import Path
@@ -17,7 +16,6 @@ from host.messages import Displacement, Message
 LINK = "link"
 _WAIT_S = 0.1
 _RECENTLY_S = 3.0  # a robot that was heard within that time counts as heard
-_MOST_HEARD = 1000  # waiting to be taken; the oldest go
 
 
 class Link:
@@ -43,7 +41,6 @@ class Link:
         )
         self._emit: Callable[[Message], None] = lambda message: None
         self._health = HealthReporter(LINK, clock)
-        self._heard: deque[Heard] = deque(maxlen=_MOST_HEARD)
         self._last_heard: dict[int, float] = {}
         self._socket: socket.socket | None = None
         self._path = Path()
@@ -53,16 +50,9 @@ class Link:
         self._unsent: str | None = None
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Listen until `stop` is set, and emit Health. What is heard is for `heard`."""
+        """Listen until `stop` is set, and emit what is heard, and Health."""
         self._emit = emit
         keep_connected(lambda: self._serve(stop), self._report_failure, stop)
-
-    def heard(self) -> list[Heard]:
-        """What came since the last call, in its order."""
-        taken: list[Heard] = []
-        while self._heard:
-            taken.append(self._heard.popleft())
-        return taken
 
     def take(self, message: Message) -> None:
         """Send odometry when it is due; other messages are left alone."""
@@ -126,8 +116,8 @@ class Link:
         now = self._clock()
         heard = self._receiver.feed(datagram, now, self._calendar())
         if heard is not None:
-            self._heard.append(heard)
-            self._last_heard[heard.robot] = now
+            self._last_heard[heard.identity] = now
+            self._emit(heard)
 
     def _judge(self) -> tuple[bool, str]:
         """Whether it does, and in words how."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from host.drivers.clock import ClockSync
 from host.geometry import to_frame
-from host.messages import Displacement
+from host.messages import TeammateOdometry
 
 MAGIC = b"SWL1"
 _BODY = struct.Struct("<4sHHQQQfIdddff")
@@ -47,15 +47,6 @@ class Report:
     age: float
     pose: tuple[float, float, float]
     variances: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """How robot `robot` moved since its last datagram. restarted: its odometry began anew."""
-
-    robot: int
-    step: Displacement
-    restarted: bool = False
 
 
 def encode(report: Report, key: bytes) -> bytes:
@@ -126,7 +117,7 @@ class Receiver:
         self._tolerance_s = clock_tolerance_s
         self._senders: dict[int, _Sender] = {}
 
-    def feed(self, datagram: bytes, arrival: float, calendar: float) -> Heard | None:
+    def feed(self, datagram: bytes, arrival: float, calendar: float) -> TeammateOdometry | None:
         """What a datagram adds. arrival: host time, s; calendar: the same moment since 1970, s."""
         report = decode(datagram, self._key)
         if isinstance(report, str):
@@ -143,7 +134,7 @@ class Receiver:
         self.off_clock.pop(report.robot, None)
         return self._newer(report, arrival)
 
-    def _newer(self, report: Report, arrival: float) -> Heard | None:
+    def _newer(self, report: Report, arrival: float) -> TeammateOdometry | None:
         """A report that is newer than the robot's last one; totals have what was between."""
         known = self._senders.get(report.robot)
         if known is not None:
@@ -157,20 +148,21 @@ class Receiver:
         time = clock.update(report.sent % (1 << 32), arrival) - report.age
         self._senders[report.robot] = _Sender(clock, report, time)
         if known is None or began:
-            first = Displacement(time=time, interval=0.0, dx=0.0, dy=0.0, dpsi=0.0)
-            return Heard(report.robot, first, restarted=known is not None)
-        return Heard(report.robot, _between(known, report, time))
+            restarted = known is not None
+            return TeammateOdometry(time, report.robot, 0.0, 0.0, 0.0, 0.0, restarted=restarted)
+        return _between(known, report, time)
 
 
-def _between(known: _Sender, report: Report, time: float) -> Displacement:
+def _between(known: _Sender, report: Report, time: float) -> TeammateOdometry:
     """Eq. 18's dq_i: from one total displacement to the next."""
     before = known.last
     dx, dy = to_frame(np.array([report.pose[:2]]), np.array(before.pose))[0]
     along, turning = (
         max(0.0, now - then) for now, then in zip(report.variances, before.variances, strict=True)
     )
-    return Displacement(
+    return TeammateOdometry(
         time=time,
+        identity=report.robot,
         interval=max(0.0, time - known.time),
         dx=float(dx),
         dy=float(dy),

@@ -20,6 +20,7 @@ from host.messages import (
     FloatArray,
     Health,
     Message,
+    Names,
     Picture,
     Scan,
     Truth,
@@ -53,6 +54,7 @@ class Topics:
         self._unix_s = unix_s
         self._path = Path(keep_seconds=1.0)
         self._due: dict[str, float] = {}
+        self._names: dict[int, int] = {}  # robots' numbers by label
 
     def of(self, message: Message) -> Iterator[Published]:
         """What a message publishes; nothing where it is malformed."""
@@ -73,6 +75,9 @@ class Topics:
             yield self._health(message)
         elif isinstance(message, Picture):
             yield self._picture(message)
+        elif isinstance(message, Names):
+            named = zip(message.labels.tolist(), message.identities.tolist(), strict=True)
+            self._names = dict(named)
 
     def _is_due(self, name: str, time: float, period_s: float) -> bool:
         """Is a topic to be published at `time` (s)? Then again after `period_s`."""
@@ -158,8 +163,9 @@ class Topics:
             heading, scale = _ellipse(covariance)
             pose = np.array([*position, heading])
             self._marker(cdr, estimate.time, ("teammate", label, _CYLINDER), pose, scale, _TEAMMATE)
-            text = ("label", label, _TEXT)
-            self._marker(cdr, estimate.time, text, pose, (0.0, 0.0, 0.08), (1.0,) * 4, str(label))
+            text = f"robot {self._names[label]}" if label in self._names else str(label)
+            kind = ("label", label, _TEXT)
+            self._marker(cdr, estimate.time, kind, pose, (0.0, 0.0, 0.08), (1.0,) * 4, text)
         for number, position in obstacles:
             kind = ("obstacle", number, _CYLINDER)
             pose = np.array([*position, 0.0])

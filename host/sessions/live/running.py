@@ -17,7 +17,7 @@ from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
 from host.messages import Bearings, Measurement, Message, Positions
-from host.pipeline import Driver, Now, Pipeline, Sink
+from host.pipeline import Driver, Follower, Now, Pipeline, Sink
 from host.recording.background import BackgroundRecorder
 from host.recording.log import RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
@@ -84,22 +84,25 @@ def run_devices(
         for watcher in shown.values():
             watcher.take(readings)
 
-    naming = None if rig.link is None else Naming(rig.link.heard)
+    naming = None if rig.link is None else Naming()
 
     def look(now: Now) -> None:
         if naming is not None:
-            now = replace(now, names=naming.names(now.estimate))
+            now = replace(now, names=naming.at(now.estimate.time))
         for watcher in shown.values():
             watcher.look(now)
 
+    followers: dict[str, Follower] = {"cross-checks": CrossChecks(rig.config)}
+    if naming is not None:
+        followers["naming"] = naming
     localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), note)
     tally = Tally()
     with contextlib.ExitStack() as stack:
         all_sinks: dict[str, Sink] = {"summary": tally.take}
         if record is not None:
             all_sinks["recording"] = stack.enter_context(_recorder(rig, record)).write
-        if rig.link is not None and naming is not None:
-            all_sinks |= {"link": rig.link.take, "naming": naming.take}
+        if rig.link is not None:
+            all_sinks["link"] = rig.link.take
         all_sinks |= {name: watcher.take for name, watcher in shown.items()}
         stack.enter_context(_short_pauses())
         begin, begin_cpu = time.monotonic(), time.process_time()
@@ -108,7 +111,7 @@ def run_devices(
             rig.sources,
             {**all_sinks, **sinks},
             rig.truth,
-            checks=CrossChecks(rig.config),
+            followers=followers,
             watch=look,
             driver=driver,
         ) as pipeline:

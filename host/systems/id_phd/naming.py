@@ -1,14 +1,22 @@
 """Names for what the anonymous filter has found, live: by the odometry that comes over the link."""
 
+import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from host.drivers.link.protocol import Heard
 from host.geometry import Path, wrap
-from host.messages import Displacement, Estimate, FloatArray, Message, Named, Positions
+from host.messages import (
+    Displacement,
+    Estimate,
+    FloatArray,
+    Message,
+    Named,
+    Names,
+    Positions,
+    TeammateOdometry,
+)
 from host.systems.id_phd.id_phd import Belief, IdPhd
 from host.systems.id_phd.settings import IdPhdSettings
 
@@ -40,48 +48,57 @@ class _Believed:
 
 
 class Naming:
-    """Not for several threads. heard: returns what came over the link since the last call."""
+    """Goes by the messages alone, so that a replay finds the same names. For one thread."""
 
-    def __init__(
-        self, heard: Callable[[], list[Heard]], settings: IdPhdSettings = SETTINGS
-    ) -> None:
-        self._heard = heard
+    def __init__(self, settings: IdPhdSettings = SETTINGS) -> None:
         self._filter = IdPhd(settings)
         self._waiting: deque[Estimate] = deque()
-        self._next = 0.0
+        self._next = -math.inf
         self._believed: dict[int, _Believed] = {}  # by label
         self._own = Path()
         self._paths: dict[int, Path] = {}
 
-    def take(self, message: Message) -> None:
-        """Note how this robot itself moves."""
+    def take(self, message: Message) -> Names | None:
+        """Take the next message of a run, or estimate; return names where there are new ones."""
         if isinstance(message, Displacement):
             self._own.append(message)
             self._filter.drive(message)
+        elif isinstance(message, TeammateOdometry):
+            self._hear(message)
+        elif isinstance(message, Estimate) and self._paths:
+            return self._take_estimate(message)
+        return None
 
-    def names(self, estimate: Estimate) -> dict[int, Named]:
-        """By label, who the teammates of an estimate are; those that are not known left out."""
-        self._listen()
+    def at(self, time: float) -> dict[int, Named]:
+        """By label, who the recognized teammates are, their headings carried to `time` (s)."""
+        return {label: self._named(each, time) for label, each in self._believed.items()}
+
+    def _hear(self, heard: TeammateOdometry) -> None:
+        if heard.restarted:
+            self._filter.forget(heard.identity)
+            self._paths.pop(heard.identity, None)
+        self._paths.setdefault(heard.identity, Path()).append(heard.step)
+        self._filter.hear(heard.identity, heard.step)
+
+    def _take_estimate(self, estimate: Estimate) -> Names | None:
+        """Use it once the odometry of its time is there; return the names in an earlier one."""
         if estimate.time >= self._next:
             self._next = estimate.time + _EVERY_S
             self._waiting.append(estimate)
-        while self._waiting and self._waiting[0].time <= estimate.time - _WAIT_S:
-            self._take_in(self._waiting.popleft())
-        return {
-            label: self._named(believed, estimate.time)
-            for label, believed in self._believed.items()
-            if label in estimate.labels
-        }
+        if not self._waiting or self._waiting[0].time > estimate.time - _WAIT_S:
+            return None
+        used = self._waiting.popleft()
+        self._use(used)
+        named = self.at(used.time)
+        return Names(
+            used.time,
+            np.array(list(named), np.int64),
+            np.array([each.identity for each in named.values()], np.int64),
+            np.array([each.probability for each in named.values()], np.float64),
+            np.array([each.heading for each in named.values()], np.float64),
+        )
 
-    def _listen(self) -> None:
-        for heard in self._heard():
-            if heard.restarted:
-                self._filter.forget(heard.robot)
-                self._paths.pop(heard.robot, None)
-            self._paths.setdefault(heard.robot, Path()).append(heard.step)
-            self._filter.hear(heard.robot, heard.step)
-
-    def _take_in(self, estimate: Estimate) -> None:
+    def _use(self, estimate: Estimate) -> None:
         seen = np.flatnonzero(estimate.ages < _SEEN_S)
         positions = estimate.positions[seen]
         covariances = estimate.covariances[seen] + _LEAST_VARIANCE * np.eye(2)

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from host.cli.terminal import console
 from host.cli.terminal.console import Console, State, coloured, frame, line
 from host.evaluation.truth_scoring import errors_m
-from host.messages import Estimate, Health, Truth
+from host.messages import Estimate, Health, Named, Truth
 from host.pipeline import Now
 
 LONG_REASON = "cannot open /dev/ttyUSB0\nno such device is plugged in\n" + "check the plug " * 9
@@ -101,6 +102,21 @@ def test_both_counts_are_of_the_same_range():
     assert "2 teammates; within 2.0 m 1, truly 1; mean error 5 mm" in frame(state, 80)
 
 
+def test_names_stand_beside_their_rows_and_in_the_count():
+    named = {7: Named(2, 0.97, np.radians(35.0)), 3: Named(1, 0.6, -1.0), 99: Named(5, 1.0, 0.0)}
+    known = replace(now_known([[2.0, 0.0], [1.0, 0.0], [0.0, 1.0]], labels=[7, 3, 8]), names=named)
+    heading, *rows = frame(a_state(known), 100)[3:7]
+    assert heading.endswith("heading deg")
+    assert [cells(row)[8:] for row in rows] == [["1?", "-57"], ["2", "+35"], []]
+    assert "3 teammates (robot 1?, 2)" in line(a_state(known))
+    # With the truth beside it a terminal of 80 columns has no room for their headings.
+    known = replace(known, truth=a_truth([[2.0, 0.0]]))
+    assert [cells(row)[8:] for row in frame(a_state(known), 80)[4:7]] == [
+        *(["false", "1?"], ["0", "2"], ["false"])
+    ]
+    assert max(map(len, frame(a_state(known), 80))) <= 80
+
+
 def test_silence_is_said_on_the_screen_and_on_a_line():
     state = a_state(now_known([[1.0, 0.0]], time=7.5, measured=6.5))
     state.real_time_factor = 0.3
@@ -168,7 +184,7 @@ def test_on_a_terminal_it_is_drawn_in_place(screen_size, shown):
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
     lines = shown(text)
     assert lines[0] == "swarmloc   a title"
-    assert lines[4].startswith("  1   +1.500")
+    assert lines[4].startswith("  1  +1.500")
     assert "".join(lines).count("teammate") == 1
     assert "plug" not in "".join(lines)
 

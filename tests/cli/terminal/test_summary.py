@@ -2,8 +2,10 @@
 
 import re
 
+import numpy as np
+
 from host.cli.terminal.summary import summary
-from host.messages import Health
+from host.messages import Estimate, Health, Names
 from host.sessions.figures import Tally, timing
 
 
@@ -56,6 +58,19 @@ def test_a_run_is_told_in_words_with_units():
         "load": "0.22 of one core",
     }
     assert told({**RUN, "mean_error_mm": None})["error"].startswith("unknown")
+
+
+def test_a_run_over_the_link_is_told_with_who_was_recognized():
+    tally = Tally()
+    none, label = np.zeros(0), np.array([4])
+    place = np.zeros((1, 2)), np.zeros((1, 2, 2)), np.ones(1), np.zeros(1), label
+    tally.take(Names(0.9, none.astype(int), none.astype(int), none, none))
+    tally.take(Estimate(1.0, *place))
+    assert tally.figures()["recognized"] == []
+    tally.take(Names(1.0, label, np.array([2]), np.ones(1), np.zeros(1)))
+    tally.take(Estimate(1.2, *place))
+    lines = told({**RUN, **tally.figures()})
+    assert lines["names"] == "robot 2 recognized; 50 % of reports named"
 
 
 def test_a_replay_is_told_with_its_score():

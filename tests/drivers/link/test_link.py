@@ -16,7 +16,7 @@ from host.drivers.link.device import Link
 from host.drivers.link.protocol import DATAGRAM_BYTES, Receiver, Report, decode, encode
 from host.errors import UserError
 from host.geometry import Path
-from host.messages import Displacement, Health
+from host.messages import Displacement, Health, Message, TeammateOdometry
 
 KEY = b"sixteen characters"
 BEGAN = 1_700_000_000_000_000  # us since 1970
@@ -95,7 +95,7 @@ def test_a_robot_that_starts_again_begins_anew():
     fed(receiver, a_report(5))
     heard = fed(receiver, a_report(0, session=BEGAN + 9_000_000, pose=(0.0, 0.0, 0.0)))
     assert heard.restarted
-    assert (heard.step.dx, heard.step.dy, heard.step.dpsi) == (0.0, 0.0, 0.0)
+    assert (heard.dx, heard.dy, heard.dpsi) == (0.0, 0.0, 0.0)
 
 
 def test_own_datagrams_come_back_and_twins_are_noticed():
@@ -129,7 +129,7 @@ def test_a_lossy_late_network_loses_no_motion(seed):
         if first is None:
             first = sender.poses(np.array([0.1 * k]))[0]
         path.append(heard.step)
-        times.append(heard.step.time - 50.0 - 0.1 * k)
+        times.append(heard.time - 50.0 - 0.1 * k)
     end = sender.poses(np.array([19.9]))[0]
     assert receiver.counts["heard"] + receiver.counts["repeated"] == len(datagrams)
     assert path.last[2] == pytest.approx(end[2] - first[2], abs=1e-9)
@@ -151,9 +151,12 @@ def a_link(robot, port, **changes):
 
 def test_two_robots_hear_each_other_by_broadcast():
     port, stop = free_port(), threading.Event()
-    health: list[Health] = []
+    emitted: list[list[Message]] = [[], []]
     links = [a_link(1, port), a_link(2, port)]
-    threads = [threading.Thread(target=link.run, args=(health.append, stop)) for link in links]
+    threads = [
+        threading.Thread(target=link.run, args=(news.append, stop))
+        for link, news in zip(links, emitted, strict=True)
+    ]
     for thread in threads:
         thread.start()
     heard = []
@@ -163,12 +166,13 @@ def test_two_robots_hear_each_other_by_broadcast():
             for link in links:
                 link.take(Displacement(time.monotonic(), 0.05, 0.01, 0.0, 0.0))
             time.sleep(0.05)
-            heard += links[1].heard()
+            heard = [each for each in emitted[1] if isinstance(each, TeammateOdometry)]
     finally:
         stop.set()
         for thread in threads:
             thread.join()
-    assert {each.robot for each in heard} == {1}
+    assert {each.identity for each in heard} == {1}
+    health = [each for each in emitted[1] if isinstance(each, Health)]
     assert any(each.ok and each.reason == "hears robot 1" for each in health)
 
 
