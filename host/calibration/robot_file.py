@@ -1,6 +1,9 @@
-"""Fitted values into robot.toml, where everything else stays as its owner wrote it."""
+"""Fitted values into robot.toml, where everything else stays as its owner wrote it.
 
-import functools
+The text is changed line by line, which keeps its layout and comments, and is then read back: it has
+to say what is new and otherwise what it said before.
+"""
+
 import math
 import os
 import re
@@ -9,22 +12,21 @@ import tempfile
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Context, Decimal
 from pathlib import Path
 from typing import Any
 
 import tomlkit
-from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, Array
 
-from host.calibration.robot_file_comments import update_comment
+from host.calibration.result import SCREEN_UNITS
 from host.config import RobotConfig, Section, load_config, parse_config
 from host.errors import UserError
 
 _DIGITS = 6  # significant: a micrometre of a wheel, a hundredth of a pixel
-_HEADER = re.compile(r"\s*\[([^\[\]]+)\]\s*(?:#.*)?$")
-_WHOLE: Any = RobotConfig()
+_HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)(\]\]?)\s*(?:#.*)?$")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_FIGURE = re.compile(rf"(?<![\w.])(-?\d+(?:\.(\d+))?)(\s*)({'|'.join(SCREEN_UNITS)})(?!\w)")
 
 
 def update(path: str | Path, settings: Mapping[str, Any], note: str) -> None:
@@ -64,29 +66,39 @@ def updated(text: str, settings: Mapping[str, Any], note: str, name: str = "robo
     """The text of a robot.toml with `settings` changed, as `update` does; `name` is its name."""
     windows = "\r\n" in text
     text = text.replace("\r\n", "\n")
-    old = tomllib.loads(text)
-    settings = {**_defaults_lost(old, settings), **settings}
-    defaults = _WHOLE.model_dump()
-    plain = {key: _plain(key, value, _get(defaults, key)) for key, value in settings.items()}
-    missing: dict[str, dict[str, Any]] = {}
-    try:
-        new = _annotate(_replace(text, plain, missing), plain, missing, note)
-        read = tomllib.loads(new)
-    except (TOMLKitError, tomllib.TOMLDecodeError) as error:
-        raise _no_place(name, plain) from error
+    wanted = tomllib.loads(text)
+    settings = {**_defaults_lost(wanted, settings), **settings}
+    plain = {key: _plain(key, value) for key, value in settings.items()}
+    note = "".join(c if c.isprintable() else " " for c in note.lstrip("# ")).strip()
+    tables = _tables(text.rstrip("\n"))
+    for section in dict.fromkeys(_section(key) for key in plain):
+        here = {key.rpartition(".")[2]: v for key, v in plain.items() if _section(key) == section}
+        _change(tables, section, here, note)
+    new = "\n".join(line for table in tables for line in table.lines).rstrip("\n") + "\n"
     for key, value in plain.items():
-        _set(old, key, value)
+        _set(wanted, key, value)
+    read = _parsed([new])
     try:
-        parse_config(new, name)
+        parse_config(new if read else text, name)
     except UserError as error:
         raise UserError(
             f"{name} stays as it was: what was found is no value it can hold",
             error.why,
             "check the settings of [mocap], and that the robot drove as docs/calibration.md says",
         ) from error
-    if read != old:
-        raise _no_place(name, plain)
+    if read != wanted:
+        raise UserError(
+            f"{name} stays as it was: its layout leaves no place for "
+            + ", ".join(dict.fromkeys(_section(key) for key in plain)),
+            "its tables are not written as in robots/cherokey.toml",
+            "give each table a header of its own, as [camera.front]",
+        )
     return new.replace("\n", "\r\n") if windows else new
+
+
+def as_lines(settings: Mapping[str, Any]) -> str:
+    """Dotted keys and values as lines of TOML, in the digits that `update` writes."""
+    return "\n".join(f"{key} = {_toml(_plain(key, value))}" for key, value in settings.items())
 
 
 def _defaults_lost(tree: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,51 +106,34 @@ def _defaults_lost(tree: Mapping[str, Any], settings: Mapping[str, Any]) -> dict
 
     The rear camera looks back, but a [camera.rear] that says nothing of it looks ahead.
     """
-    lost = {}
+    lost: dict[str, Any] = {}
     for section in dict.fromkeys(_section(key) for key in settings):
-        table = functools.reduce(lambda t, part: getattr(t, part, None), section.split("."), _WHOLE)
-        if isinstance(table, Section) and _get(tree, section) is None:
-            fresh = type(table)().model_dump()
-            lost.update(
-                {f"{section}.{k}": v for k, v in table.model_dump().items() if v != fresh[k]}
-            )
+        said: Any = tree
+        table: Any = RobotConfig()
+        for part in section.split("."):
+            said, table = (said or {}).get(part), getattr(table, part, None)
+        if isinstance(table, Section) and said is None:
+            fresh, whole = type(table)().model_dump(), table.model_dump()
+            lost.update({f"{section}.{k}": v for k, v in whole.items() if v != fresh[k]})
     return lost
 
 
-def _no_place(name: str, settings: Mapping[str, Any]) -> UserError:
-    return UserError(
-        f"{name} stays as it was: its layout leaves no place for "
-        + ", ".join(dict.fromkeys(_section(key) for key in settings)),
-        "its tables are not written as in robots/cherokey.toml",
-        "give each table a header of its own, as [camera.front]",
-    )
-
-
-def _plain(key: str, value: Any, default: Any) -> Any:
+def _plain(key: str, value: Any) -> Any:
     """A value as TOML has it, with as many digits as mean something."""
     if isinstance(value, list | tuple):
         return [
-            {name: _plain(name, inner, None) for name, inner in item.items()}
+            {name: _plain(name, inner) for name, inner in item.items()}
             if isinstance(item, Mapping)
-            else _plain(key, item, None)
+            else _plain(key, item)
             for item in value
         ]
     value = value.item() if hasattr(value, "item") else value  # a number of numpy's
     if not isinstance(value, float) or not math.isfinite(value):
         return value
-    if isinstance(default, int) and value.is_integer():
-        return int(value)
     number = Decimal(f"{value:.12g}")
     # An angle of 90 or 180 deg is at its bound, and must not be rounded beyond it.
     rounding = ROUND_DOWN if key.endswith("_rad") else ROUND_HALF_EVEN
     return float(Context(prec=_DIGITS, rounding=rounding).plus(number))
-
-
-def _get(tree: Mapping[str, Any], key: str) -> Any:
-    found: Any = tree
-    for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
-    return found
 
 
 def _set(tree: dict[str, Any], key: str, value: Any) -> None:
@@ -152,127 +147,135 @@ def _section(key: str) -> str:
     return key.rpartition(".")[0]
 
 
-def _replace(text: str, settings: Mapping[str, Any], missing: dict[str, dict[str, Any]]) -> str:
-    """The text with the values changed of those keys that it has; the others go to `missing`."""
-    document = tomlkit.parse(text)
-    headers = {_header(line) for line in text.split("\n")}
-    for key, value in settings.items():
-        section, _, last = key.rpartition(".")
-        table: Any = document
-        for part in section.split(".") if section else ():
-            table = table.get(part) if hasattr(table, "get") else None
-        known = table is not None and last in table
-        if known and (not section or section in headers or isinstance(table[last], AoT)):
-            _change(table, last, value)
-        else:
-            missing.setdefault(section, {})[last] = value
-    return tomlkit.dumps(document)
+def _toml(value: Any) -> str:
+    """A value as TOML; a list of tables with one {...} a line."""
+    if not (isinstance(value, list) and value and isinstance(value[0], Mapping)):
+        return str(tomlkit.item(value).as_string())
+    items = (", ".join(f"{k} = {_toml(v)}" for k, v in item.items()) for item in value)
+    return "".join(("[\n", *(f"    {{{item}}},\n" for item in items), "]"))
 
 
-def _change(table: Any, key: str, value: Any) -> None:
-    before = table[key]
-    if isinstance(before, AoT):
-        if value:
-            _change_items(before, value)
-        else:
-            table[key] = tomlkit.array()
-            table[key].trivia.trail = "\n\n"
-    elif before != value:
-        table[key] = in_lines(value) if isinstance(before, Array) else value
-        update_comment(table[key], before, value)
+@dataclass(slots=True, eq=False)
+class _Table:
+    """header: as "[lidar]" or "[[lidar.blind_sectors]]", "" of what stands above all tables.
+
+    lines: those of the file, from the header to before the next one.
+    """
+
+    header: str
+    lines: list[str]
+
+    def change(self, key: str, value: Any) -> bool:
+        """Set a key that is there already; whether it is."""
+        for first, line in enumerate(self.lines):
+            if re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*=", line):
+                ends = range(first + 1, len(self.lines) + 1)
+                end = next((end for end in ends if _parsed(self.lines[first:end])), first + 1)
+                if _parsed(self.lines[first:end]) != {key: value}:
+                    self.lines[first:end] = _changed(self.lines[first:end], key, value)
+                return True
+        return False
+
+    def add(self, lines: list[str]) -> None:
+        """Put lines below the header."""
+        self.lines[bool(self.header) : bool(self.header)] = lines
+
+    def split(self) -> tuple[list[str], list[str]]:
+        """Its lines up to the last value, and what follows, which may belong to the next table."""
+        values = (k for k, x in enumerate(self.lines) if x.strip() and x.lstrip()[0] != "#")
+        last = max(values, default=-1) + 1
+        return self.lines[:last], self.lines[last:]
 
 
-def in_lines(value: list[dict[str, Any]]) -> Array:
-    """A list of dicts as an array [...] of tables {...}, one a line."""
-    array = tomlkit.array()
-    for item in value:
-        entry = tomlkit.inline_table()
-        entry.update(item)
-        array.append(entry)
-    return array.multiline(bool(value))
+def _tables(text: str) -> list[_Table]:
+    """What `text` consists of: what is above all tables, then each of them."""
+    tables = [_Table("", [])]
+    for line in text.split("\n"):
+        if match := _HEADER.match(line):
+            name = ".".join(part.strip(" \"'") for part in match[2].split("."))
+            tables.append(_Table(f"{match[1]}{name}{match[3]}", []))
+        tables[-1].lines.append(line)
+    return tables
 
 
-def _change_items(items: AoT, values: list[dict[str, Any]]) -> None:
-    """Change tables [[...]] one by one, so that their comments stay; add or drop at the end."""
-    for item, value in zip(items, values, strict=False):
-        for key in [key for key in item if key not in value]:
-            del item[key]
-        for key, inner in value.items():
-            if key in item:
-                _change(item, key, inner)
+def _parsed(lines: list[str]) -> dict[str, Any]:
+    try:
+        return tomllib.loads("\n".join(lines))
+    except tomllib.TOMLDecodeError:
+        return {}
+
+
+def _changed(lines: list[str], key: str, value: Any) -> list[str]:
+    """The lines of one key with another value; a comment stays in its column and is kept true."""
+    line = lines[0]
+    hashes = (k for k, c in enumerate(line) if c == "#" and _parsed([line[:k]]))
+    column = next(hashes, len(line))
+    new = f"{line[: line.index('=')]}= {_toml(value)}"
+    if column < len(line) and len(lines) == 1:
+        comment = _true_comment(line[column:], _parsed([line])[key], value)
+        new = f"{new:{max(column - 2, 0)}}  {comment}"
+    return new.split("\n")
+
+
+def _true_comment(comment: str, before: Any, value: Any) -> str:
+    """A comment that has a changed number in another unit, too, with the new one."""
+
+    def figure(match: re.Match[str]) -> str:
+        shown, decimals, space, unit = match.groups()
+        factor, places = SCREEN_UNITS[unit], len(decimals or "")
+        if abs(float(shown) - before * factor) > 0.51 * 10.0**-places:
+            return match[0]  # of something else
+        return f"{value * factor:.{max(places, 1)}f}{space}{unit}"
+
+    numbers = all(isinstance(each, int | float) for each in (before, value))
+    return _FIGURE.sub(figure, comment) if numbers else comment
+
+
+def _change(tables: list[_Table], section: str, values: Mapping[str, Any], note: str) -> None:
+    """Set the values of one table, with the note below its header."""
+    header = f"[{section}]" if section else ""
+    table = next((table for table in tables if table.header == header), None)
+    if table is None:
+        table = _Table(header, [header])
+        tables[-1].lines.append("")
+        tables.append(table)
+    new = []
+    if note and section:
+        words = _DATE.split(note)[0]
+        earlier = re.compile(rf"\s*#\s?{re.escape(words)}{_DATE.pattern}")
+        table.lines = [line for line in table.lines if not earlier.match(line)]
+        new.append(f"# {note}")
+    for key, value in values.items():
+        blocks = f"[[{section}.{key}]]" if section else f"[[{key}]]"
+        if any(each.header == blocks for each in tables):
+            _change_blocks(tables, blocks, value)
+            if not value:
+                new.append(f"{key} = []")
+        elif not table.change(key, value):
+            if isinstance(value, list) and value:
+                _change_blocks(tables, blocks, value)
             else:
-                item[key] = inner
-    for _ in range(len(items) - len(values)):
-        del items[-1]
-    for value in values[len(items) :]:
-        table = tomlkit.table()
-        table.update(value)
-        table.add(tomlkit.nl())
-        items.append(table)
+                new.append(f"{key} = {_toml(value)}")
+    table.add(new)
 
 
-def _annotate(
-    text: str, settings: Mapping[str, Any], missing: Mapping[str, dict[str, Any]], note: str
-) -> str:
-    """The text with the note, and with what is `missing`, under the headers of its tables."""
-    note = "".join(c if c.isprintable() else " " for c in note.lstrip("# ")).strip()
-    # What stands above all tables, as the robot's name, has no header for a note.
-    sections = [s for s in dict.fromkeys(_section(key) for key in settings) if s or s in missing]
-    lines = _without_note(text.split("\n"), sections, note)
-    for section in sections:
-        beneath = [f"# {note}"] if note else []
-        after: list[str] = []
-        for key, value in missing.get(section, {}).items():
-            (after if _is_tables(value) else beneath).append(_written(section, key, value))
-        header = next((k for k, line in enumerate(lines) if _header(line) == section), None)
-        if header is None:
-            lines = [*_ended(lines), f"[{section}]", *beneath, ""]
-        else:
-            lines[header + 1 : header + 1] = beneath
-        if after:
-            lines = [*_ended(lines), *"\n".join(after).split("\n")]
-    return "\n".join(lines)
-
-
-def _ended(lines: list[str]) -> list[str]:
-    """The lines with exactly one that is blank after the last."""
-    last = max((k for k, line in enumerate(lines) if line.strip()), default=-1)
-    return [*lines[: last + 1], ""] if last >= 0 else []
-
-
-def _without_note(lines: list[str], sections: list[str], note: str) -> list[str]:
-    """The lines without the notes, under the headers of `sections`, that `note` replaces."""
-    words = _DATE.split(note)[0]
-    kept, here = [], ""
-    for line in lines:
-        header = _header(line)
-        here = here if header is None else header
-        comment = line.strip().removeprefix("# ")
-        is_note = line.strip().startswith("#") and comment.startswith(words)
-        if here in sections and is_note and note and _DATE.match(comment[len(words) :]):
-            continue
-        kept.append(line)
-    return kept
-
-
-def _header(line: str) -> str | None:
-    """The name of the table that a line [name] begins, "[]" for [[name]]; None for other lines."""
-    if line.lstrip().startswith("[["):
-        return "[]"
-    match = _HEADER.match(line)
-    return ".".join(part.strip(" \"'") for part in match[1].split(".")) if match else None
-
-
-def _is_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping)
-
-
-def _written(section: str, key: str, value: Any) -> str:
-    if not _is_tables(value):
-        return f"{key} = {tomlkit.item(value).as_string()}"
-    name = f"{section}.{key}" if section else key
-    items = ("".join(f"{k} = {tomlkit.item(v).as_string()}\n" for k, v in i.items()) for i in value)
-    return "\n".join(f"[[{name}]]\n{item}" for item in items)
+def _change_blocks(tables: list[_Table], header: str, values: list[dict[str, Any]]) -> None:
+    """Change tables [[...]] one by one, so that their comments stay; add or drop at the end."""
+    blocks = [table for table in tables if table.header == header]
+    old = len(blocks)
+    for block, value in zip(blocks, values, strict=False):
+        block.add([f"{k} = {_toml(v)}" for k, v in value.items() if not block.change(k, v)])
+    for block in blocks[len(values) :]:
+        before, (_, rest) = tables[tables.index(block) - 1], block.split()
+        before.lines += rest[not before.lines[-1] :]  # of two blank lines one
+        tables.remove(block)
+    blocks = blocks or [tables[-1]]
+    for value in values[old:]:
+        kept, rest = blocks[-1].split()
+        new = _Table(header, [header, *(f"{k} = {_toml(v)}" for k, v in value.items()), *rest])
+        blocks[-1].lines = [*kept, ""]
+        tables.insert(tables.index(blocks[-1]) + 1, new)
+        blocks.append(new)
 
 
 def _write(path: Path, text: str) -> None:

@@ -103,7 +103,7 @@ def test_pillars_come_and_go(count: int) -> None:
     new = updated(CHEROKEY, {"lidar.blind_sectors": sectors}, NOTE)
     assert tomllib.loads(new)["lidar"]["blind_sectors"] == sectors
     head, _, tail = CHEROKEY.partition("[[lidar")
-    assert changes(head, new[: len(head) + len(NOTE) + 3])[0] == []
+    assert changes(head, new)[0] == []
     assert new.endswith("\n\n[camera] " + tail.partition("\n[camera] ")[2])
     again = updated(new, {"lidar.blind_sectors": sectors + sectors}, NOTE)
     assert tomllib.loads(again)["lidar"]["blind_sectors"] == sectors + sectors
@@ -129,7 +129,7 @@ def test_a_file_without_the_tables_gets_them() -> None:
         "camera.delay_s": 0.2,
         "lidar.blind_sectors": [{"centre_rad": 0.5, "width_rad": 0.1}],
         "lidar.x_m": 0.03,
-        "wheels.counts_per_turn": np.float64(1921.0),
+        "wheels.counts_per_turn": np.int64(1921),
     }
     text = 'name = "mine"\n\n[lidar]\ny_m = 0.01 # measured\n\n[camera.front]\nk1 = 0.01'
     assert updated(text, settings, NOTE).split("\n") == [

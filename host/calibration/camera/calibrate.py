@@ -25,14 +25,12 @@ from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.gathered import Gathered, missing_rotations
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
-from host.calibration.robust.time_offset import scan
 from host.calibration.stamps import stamps_check
 from host.config import Camera
 from host.errors import UserError
 from host.geometry import wrap
 from host.messages import FloatArray
 
-_CURVE_S, _CURVE_STEP_S = 0.2, 0.02  # around the delay found
 _LEAST_NOISE_RAD = 0.001
 _ENOUGH_STRIPS, _ENOUGH_ROTATION_RAD = 200, 1.5  # to drive on for; the rotation each way
 _NEAR_M, _FAR_M = 0.8, 1.5
@@ -82,12 +80,6 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     halves = (parts[0], parts[1]) if parts[0] is not None and parts[1] is not None else None
     numbers = [n for n, name in enumerate(CAMERAS) if fit.fitted[n] or _exists(gathered, name)]
     table = {n: sectors_of(fit, n, cameras) for n in numbers}
-    curve = scan(
-        lambda delay: problem.cost_at(fit, delay),
-        max(fit.delay - _CURVE_S, -cameras.delay_s),
-        fit.delay + _CURVE_S,
-        _CURVE_STEP_S,
-    )
     off = _used_errors(fit)
     reaches = {
         n: reach_of(fit, n, halves, cameras, lenses[name].reach_rad if name in lenses else 0.0)
@@ -105,7 +97,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
-        pictures=pictures(gathered, fit, table, curve, reaches),
+        pictures=pictures(gathered, fit, table, reaches),
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )

@@ -110,17 +110,6 @@ class CameraProblem:
         fit = part._refine(start.values, _GATES[-2:])
         return fit if fit.fitted == start.fitted else None
 
-    def cost_at(self, fit: CameraFit, delay: float) -> float:
-        """The cost of another delay (s, beyond the configured one), all else fitted anew."""
-        values = fit.values.copy()
-        values[-1] = delay
-        free = self._known(fit.used)
-        free[-1] = False
-        pairs = self.pair(values)
-        for gate in (_GATES[0], _GATES[-1]):
-            values = self._solve(values, pairs, self._weights(values, pairs, gate), free, 2)
-        return self.cost(values, pairs)
-
     def cost(self, values: FloatArray, pairs: Pairs) -> float:
         """Mean over all strips of how badly they are explained, 0 to 1; unpaired ones count 1."""
         off = np.hypot(*errors(values, pairs).T) / pairs.sigmas

@@ -18,7 +18,6 @@ from host.calibration.camera.pairs import CAMERAS
 from host.calibration.camera.reach import Reach
 from host.calibration.gathered import Gathered
 from host.calibration.result import ReportPicture, Role, Series, thinned
-from host.calibration.robust.time_offset import DelayCurve
 from host.config import Camera
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
@@ -30,62 +29,37 @@ def pictures(
     gathered: Gathered,
     fit: CameraFit,
     table: Mapping[int, list[BearingSector]],
-    curve: DelayCurve,
     reaches: Mapping[int, Reach],
 ) -> tuple[ReportPicture, ...]:
-    """Coverage, what is left of the errors, the delay's curve, and before and after."""
+    """Where strips were, how well bearings are known, and errors before and after."""
     bearings = np.degrees(bearings_of(fit))
-    points = fit.pairs.at(fit.delay)
-    ranges = np.hypot(points[:, 0], points[:, 1])
+    ranges = np.hypot(*fit.pairs.at(fit.delay)[:, :2].T)
     after, before = _errors_deg(gathered, fit)
     shown = fit.used & np.isfinite(after)
+    cameras = fit.pairs.strips.cameras
     return (
         *(_in_picture(fit, number, reaches.get(number)) for number in table),
-        ReportPicture(
-            title="Where teammates were",
-            x_label=_BEARING,
-            y_label="range, m",
-            series=_by_camera(fit, shown, bearings, ranges),
-            caption="Views should be all around, near and far.",
-        ),
         _sigmas(table),
-        _by_angle(reaches),
-        ReportPicture(
-            title="Errors of bearings by bearing",
-            x_label=_BEARING,
-            y_label="error, deg",
-            series=_by_camera(fit, shown, bearings, after),
-            caption="Good is a band about 0; waves mean a lens that the model does not know.",
-        ),
         ReportPicture(
             title="Errors of bearings by range",
             x_label="range, m",
             y_label="error, deg",
-            series=_by_camera(fit, shown, ranges, after),
+            series=tuple(
+                _points(f"{name} camera", ranges, after, shown & (cameras == number), name)
+                for number, name in enumerate(CAMERAS)
+                if fit.fitted[number]
+            ),
             caption="Good is a band about 0 at any range.",
         ),
         ReportPicture(
-            title="The delay",
-            x_label="delay, ms",
-            y_label="share of strips not explained",
-            series=(
-                Series(
-                    x=1000.0 * (gathered.config.camera.delay_s + curve.delays),
-                    y=curve.costs,
-                    role="fitted",
-                    style="line",
-                ),
-            ),
-            caption="Good is one narrow valley; in a flat one the delay is not observable.",
-        ),
-        ReportPicture(
-            title="Before and after",
+            title="Errors of bearings by bearing",
             x_label=_BEARING,
             y_label="error, deg",
             series=(
                 _points("before", bearings, before, shown & np.isfinite(before), "before"),
                 _points("fitted", bearings, after, shown, "fitted"),
             ),
+            caption="Good is a band about 0; waves mean a lens that the model does not know.",
         ),
     )
 
@@ -106,33 +80,6 @@ def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
             for number, found in table.items()
         ),
         caption="Predicted for each sector, with or without views in it.",
-    )
-
-
-def _by_angle(reaches: Mapping[int, Reach]) -> ReportPicture:
-    series = []
-    for number, reach in reaches.items():
-        beyond = np.linspace(reach.angle, max(float(reach.angles.max()), reach.angle), 20)
-        name = CAMERAS[number]
-        series += [
-            thinned(
-                np.degrees(reach.angles), np.degrees(reach.sigmas), f"{name} camera", role=name
-            ),
-            Series(
-                x=np.degrees(beyond),
-                y=np.degrees(reach.beyond_noise_per_rad * (beyond - reach.angle) ** 2),
-                label=f"{name}, beyond its reach",
-                role=name,
-                style="line",
-            ),
-        ]
-    return ReportPicture(
-        title="How far off its axis a lens is known",
-        x_label="angle off the axis, deg",
-        y_label="sigma of a bearing, deg",
-        series=tuple(series),
-        caption="A line begins where the strips end: so much is added to what bearings beyond are "
-        "off. Bring teammates to the borders of the picture to have it begin farther out.",
     )
 
 
@@ -180,17 +127,6 @@ def _circle(camera: Camera, reach: Reach) -> Series:
         label=f"{math.degrees(reach.angle):.0f} deg off the axis",
         role="fitted",
         style="line",
-    )
-
-
-def _by_camera(
-    fit: CameraFit, shown: BoolArray, x: FloatArray, y: FloatArray
-) -> tuple[Series, ...]:
-    cameras = fit.pairs.strips.cameras
-    return tuple(
-        _points(f"{name} camera", x, y, shown & (cameras == number), name)
-        for number, name in enumerate(CAMERAS)
-        if fit.fitted[number]
     )
 
 

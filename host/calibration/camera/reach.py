@@ -31,15 +31,12 @@ _MOST_NOISE_PER_RAD = 10.0  # that robot.toml may have
 class Reach:
     """Of one camera's lens.
 
-    angle (rad): how far off the axis strips (or corners of a checkerboard) were seen. angles,
-    sigmas (k,) rad: of bearings that the picture shows, how far off the axis, and how well known.
+    angle (rad): how far off the axis strips (or corners of a checkerboard) were seen.
     beyond_noise_per_rad: std of a bearing from beyond, in rad for each rad² beyond `angle`.
     """
 
     angle: float
     beyond_noise_per_rad: float
-    angles: FloatArray
-    sigmas: FloatArray
 
 
 def reach_of(
@@ -70,7 +67,7 @@ def reach_of(
         apart = np.abs(np.nan_to_num(first - second, nan=math.inf))
         sigmas = np.maximum(sigmas, 0.5 * apart)
     known = np.isfinite(sigmas)
-    return Reach(angle, _growth(angles[known] - angle, sigmas[known]), angles[known], sigmas[known])
+    return Reach(angle, _growth(angles[known] - angle, sigmas[known]))
 
 
 def _growth(beyond: FloatArray, sigmas: FloatArray) -> float:

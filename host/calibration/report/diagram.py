@@ -7,17 +7,41 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from host.calibration.report.palette import OTHERS, ROLES, Look
-from host.calibration.result import ReportPicture, Series
+from host.calibration.result import ReportPicture, Role, Series
 from host.messages import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+class Look(NamedTuple):
+    """How points and lines of one role are drawn, and what the role is called."""
+
+    colour: str
+    marker: str
+    meaning: str
+
+
+# Okabe and Ito's colours and two of Tol's, distinct for the colour-blind, too; markers make them
+# distinct in grey. A role has the same in every picture of every report.
+ROLES: dict[Role, Look] = {
+    "measured": Look("#0072b2", "o", "measured"),
+    "refused": Look("#d55e00", "x", "measured, and left out"),
+    "reference": Look("#1c2733", "D", "the reference"),
+    "before": Look("#e69f00", "s", "by the values from before"),
+    "fitted": Look("#009e73", "^", "by the fitted values"),
+    "front": Look("#56b4e9", "o", "front camera"),
+    "rear": Look("#cc79a7", "v", "rear camera"),
+    "along": Look("#332288", "o", "along the line of sight"),
+    "across": Look("#999933", "v", "across it"),
+}
+# For pictures whose series have no role: one after another.
+_SERIES: tuple[Role, ...] = ("measured", "refused", "fitted", "rear", "front", "before")
 
 _INK, _FAINT = "#1c2733", "#d8dee4"
 _SIZE_IN, _SQUARE_IN = (5.4, 3.3), (5.4, 4.6)
@@ -92,8 +116,8 @@ def _draw(axes: "Axes", picture: ReportPicture) -> None:
         axes.set_aspect("equal", adjustable="datalim")
     bars = [series for series in picture.series if series.style == "bars"]
     drawn = False
-    for series, other in zip(picture.series, cycle(OTHERS), strict=False):
-        look = ROLES.get(series.role, other)
+    for series, other in zip(picture.series, cycle(_SERIES), strict=False):
+        look = ROLES[series.role or other]
         x, y = _finite(series)
         if not np.isfinite(x + y).any():
             continue

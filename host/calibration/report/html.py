@@ -4,25 +4,11 @@ import html
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
+from host.calibration import robot_file
 from host.calibration.report import diagram
-from host.calibration.report.palette import ROLES
-from host.calibration.report.text import (
-    as_json,
-    as_text,
-    found,
-    limit,
-    needed,
-    row_verdict,
-    value_alike,
-    value_and_sigma,
-)
+from host.calibration.report.text import check_cells, fitted_cells, value_alike
 from host.calibration.result import Calibration, Fitted, ReportPicture
-from host.calibration.robot_file import in_lines
 from host.errors import UserError
-
-__all__ = ["as_html", "as_json", "as_text", "write_html"]
 
 _CSS = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
 _NO_MATPLOTLIB = (
@@ -89,19 +75,17 @@ def _verdict(calibration: Calibration) -> str:
     )
 
 
-def _table(title: str, head: list[tuple[str, str]], rows: list[list[str]], note: str = "") -> str:
-    """head: (class, words) of each column; rows: cells that are HTML already."""
-    ths = "".join(f'<th class="{kind}">{words}</th>' for kind, words in head)
-    body = "\n".join(
-        "<tr>"
-        + "".join(
-            f'<td class="{kind}">{cell}</td>' for (kind, _), cell in zip(head, row, strict=True)
-        )
-        + "</tr>"
-        for row in rows
-    )
+def _table(title: str, head: list[str], rows: list[list[str]], note: str = "") -> str:
+    """head: of the columns, numbers between two of words; rows: cells that are HTML already."""
+    kinds = ["", *["n"] * (len(head) - 2), ""]
+
+    def line(tag: str, cells: list[str]) -> str:
+        row = zip(kinds, cells, strict=True)
+        return "".join(f'<{tag} class="{kind}">{cell}</{tag}>' for kind, cell in row)
+
+    body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
     return (
-        f'<h2>{title}</h2>\n<div class="wide"><table>\n<thead><tr>{ths}</tr></thead>\n'
+        f'<h2>{title}</h2>\n<div class="wide"><table>\n<thead><tr>{line("th", head)}</tr></thead>\n'
         f"<tbody>\n{body}\n</tbody></table></div>" + (f'\n<p class="note">{note}</p>' * bool(note))
     )
 
@@ -109,8 +93,7 @@ def _table(title: str, head: list[tuple[str, str]], rows: list[list[str]], note:
 def _fitted(calibration: Calibration) -> str:
     if not calibration.fitted:
         return ""
-    head = [("", "Value"), ("n", "Fitted ± σ"), ("n", "σ at most"), ("n", "Before")]
-    head += [("n", "First half"), ("n", "Second half"), ("", "Verdict")]
+    head = ["Value", "Fitted ± σ", "σ at most", "Before", "First half", "Second half", "Verdict"]
     note = (
         "σ is the standard deviation of the fitted value. The halves are the same fit on the first "
         "and the second half of the data alone; they should agree."
@@ -119,16 +102,13 @@ def _fitted(calibration: Calibration) -> str:
 
 
 def _fitted_row(row: Fitted) -> list[str]:
-    first, second = ("", "") if row.halves is None else (value_alike(row, h) for h in row.halves)
+    *cells, verdict = fitted_cells(row)
+    halves = ("", "") if row.halves is None else (value_alike(row, half) for half in row.halves)
     key = f'<span class="key">{_text(row.key)}</span>' if row.key else ""
     return [
         _text(row.name) + key,
-        _text(value_and_sigma(row)),
-        _text(limit(row)),
-        "" if row.before is None else _text(value_alike(row, row.before)),
-        _text(first),
-        _text(second),
-        _word(row_verdict(row)) or f'<span class="advice">no bound: {_text(row.unbounded)}</span>',
+        *map(_text, (*cells, *halves)),
+        _word(verdict) or f'<span class="advice">no bound: {_text(row.unbounded)}</span>',
     ]
 
 
@@ -140,18 +120,12 @@ def _word(word: str) -> str:
 def _checks(calibration: Calibration) -> str:
     if not calibration.checks:
         return ""
-    head = [("", "Check"), ("n", "Found"), ("n", "Needed"), ("", "Verdict")]
-    rows = [
-        [
-            _text(check.name)
-            + ("" if check.passed else f'<span class="advice">{_text(check.advice)}</span>'),
-            _text(found(check)),
-            _text(needed(check)),
-            _word(row_verdict(check)),
-        ]
-        for check in calibration.checks
-    ]
-    return _table("Checks", head, rows)
+    rows = []
+    for check in calibration.checks:
+        *cells, verdict = check_cells(check)
+        advice = "" if check.passed else f'<span class="advice">{_text(check.advice)}</span>'
+        rows.append([_text(check.name) + advice, *map(_text, cells), _word(verdict)])
+    return _table("Checks", ["Check", "Found", "Needed", "Verdict"], rows)
 
 
 def _pictures(pictures: tuple[ReportPicture, ...]) -> str:
@@ -173,7 +147,7 @@ def _colours(pictures: tuple[ReportPicture, ...]) -> str:
     roles = {series.role for picture in pictures for series in picture.series}
     marks = [
         f'<span><i style="background:{look.colour}"></i>{_text(look.meaning)}</span>'
-        for role, look in ROLES.items()
+        for role, look in diagram.ROLES.items()
         if role in roles
     ]
     return f'<p class="colours">{" ".join(marks)}</p>\n' if marks else ""
@@ -188,15 +162,8 @@ def _figure(picture: ReportPicture, number: int) -> str:
 
 def _written(settings: dict[str, Any]) -> str:
     """Everything that goes into robot.toml, in SI units, as TOML."""
-    if not settings:
-        return ""
-    plain = ((key, _rounded(value)) for key, value in settings.items())
-    items = (
-        (key, in_lines(value) if isinstance(value, list) else tomlkit.item(value))
-        for key, value in plain
-    )
-    lines = "\n".join(f"{key} = {item.as_string()}" for key, item in items)
-    return f"<h2>For robot.toml</h2>\n<pre>{_text(lines)}</pre>"
+    lines = robot_file.as_lines(settings)
+    return f"<h2>For robot.toml</h2>\n<pre>{_text(lines)}</pre>" if settings else ""
 
 
 def _figures(figures: dict[str, Any]) -> str:
@@ -212,29 +179,10 @@ def _figures(figures: dict[str, Any]) -> str:
 def _short(value: Any) -> str:
     """A value of any kind in few digits; what a table holds beside each other, tables in lines."""
     value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
     if isinstance(value, dict):
         return ", ".join(f"{str(k).replace('_', ' ')} {_short(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):
-        tables = any(isinstance(inner, dict) for inner in value)
-        return ("\n" if tables else "; ").join(map(_within, value)) or "none"
-    return str(value)
-
-
-def _within(value: Any) -> str:
-    """What a list holds; a list in it is a point."""
-    if isinstance(value, list | tuple):
+        if any(isinstance(inner, dict) for inner in value):
+            return "\n".join(map(_short, value))
         return f"({', '.join(map(_short, value))})"
-    return _short(value)
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _rounded(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(inner) for inner in value]
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return float(f"{value:.6g}") if isinstance(value, float) else value
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

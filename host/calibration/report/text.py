@@ -19,11 +19,6 @@ def value_and_sigma(row: Fitted) -> str:
     return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {row.unit}".rstrip()
 
 
-def limit(row: Fitted) -> str:
-    """The largest sigma that will do, with its unit; a dash where any will."""
-    return "–" if row.limit is None else f"{row.limit * row.scale:.3g} {row.unit}".rstrip()
-
-
 def value_alike(row: Fitted, value: float) -> str:
     """Another value of the same row, with as many digits and no unit."""
     if not math.isfinite(value):
@@ -43,29 +38,27 @@ def why_unbounded(calibration: Calibration) -> str:
     return f"sigma at most –: {'; '.join(reasons)}" if reasons else ""
 
 
-def row_verdict(row: Fitted | Check) -> str:
-    """ "ok", "fails", or "" where nothing is asked of it."""
-    if isinstance(row, Check):
-        return "ok" if row.passed else "fails"
-    if row.failure:
-        return "fails"
-    return "ok" if row.limit is not None else ""
+def fitted_cells(row: Fitted) -> tuple[str, str, str, str]:
+    """Value and sigma, the largest sigma that will do, what was before, and the verdict.
+
+    The verdict is "ok", "fails", or "" where nothing is asked of the row.
+    """
+    bound = "–" if row.limit is None else f"{row.limit * row.scale:.3g} {row.unit}".rstrip()
+    before = "" if row.before is None else value_alike(row, row.before)
+    verdict = "fails" if row.failure else "ok" if row.limit is not None else ""
+    return value_and_sigma(row), bound, before, verdict
 
 
-def found(check: Check) -> str:
-    """What a check found, with its unit."""
-    if not math.isfinite(check.value):
-        return "–"
-    value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.threshold)
-    return f"{value} {check.unit}".rstrip()
-
-
-def needed(check: Check) -> str:
-    """The bound of a check, and on which side of it the value must be; "" where any will do."""
-    if not math.isfinite(check.threshold):
-        return ""
-    side = "≥" if check.side == "at least" else "≤"
-    return f"{side} {check.threshold:.4g} {check.unit}".rstrip()
+def check_cells(check: Check) -> tuple[str, str, str]:
+    """What a check found, what it needs (on which side of its bound), and "ok" or "fails"."""
+    found, needed = "–", ""
+    if math.isfinite(check.value):
+        value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.threshold)
+        found = f"{value} {check.unit}".rstrip()
+    if math.isfinite(check.threshold):
+        side = "≥" if check.side == "at least" else "≤"
+        needed = f"{side} {check.threshold:.4g} {check.unit}".rstrip()
+    return found, needed, "ok" if check.passed else "fails"
 
 
 def as_text(calibration: Calibration, columns: float = _COLUMNS) -> str:
@@ -73,16 +66,12 @@ def as_text(calibration: Calibration, columns: float = _COLUMNS) -> str:
     most = int(min(columns, _COLUMNS))
     head = ("value ± sigma", "sigma at most", "before", "")
     lines = [_row(f"{calibration.kind} calibration", *head, most)]
-    for row in calibration.fitted:
-        before = "" if row.before is None else value_alike(row, row.before)
-        cells = (value_and_sigma(row), limit(row), before, row_verdict(row))
-        lines.append(_row(row.name, *cells, most))
+    lines += [_row(row.name, *fitted_cells(row), most) for row in calibration.fitted]
     if calibration.checks:
         lines += ["", _row("checks", "found", "needed", "", "", most)]
-        lines += [
-            _row(check.name, found(check), needed(check), "", row_verdict(check), most)
-            for check in calibration.checks
-        ]
+        for check in calibration.checks:
+            found, needed, verdict = check_cells(check)
+            lines.append(_row(check.name, found, needed, "", verdict, most))
     notes = [why_unbounded(calibration)]
     notes += [f"residuals: {calibration.residuals}" if calibration.residuals else ""]
     notes += [f"beware: {warning}" for warning in calibration.warnings]

@@ -15,8 +15,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from host.calibration.report.html import as_html, as_json, as_text, write_html
-from host.calibration.report.palette import ROLES
+from host.calibration.report.diagram import ROLES
+from host.calibration.report.html import as_html, write_html
+from host.calibration.report.text import as_json, as_text
 from host.calibration.result import (
     Calibration,
     Check,
