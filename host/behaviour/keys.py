@@ -22,7 +22,7 @@ KEYS = {
     "z": (-1.0, -0.6),
     "c": (-1.0, 0.6),
 }
-HELP = "hold w/s: forward/back, a/d: rotate, q/e: curves, z/c: back; x: end"
+HELP = "hold w/s to drive forward/back, a/d to rotate, q/e/z/c for curves; x ends"
 
 
 class Keys:

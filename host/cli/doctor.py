@@ -25,7 +25,7 @@ from host.sources.sensors import LIDAR_AND_CAMERA
 
 
 @click.command(
-    short_help="Is every part of the robot alive?",
+    short_help="Check every device of the robot.",
     epilog="""\b
 Examples:
   swarmloc doctor --robot robot.toml
@@ -34,22 +34,22 @@ Examples:
 )
 @options.robot_option
 @options.simulate_option(
-    f"Examine simulated devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1."
+    f"Examine simulated devices: {', '.join(SCENARIOS.names())}; settings as in arena4:seed=1."
 )
 @click.option(
     "--seconds",
     type=options.Seconds(1.0, 600.0),
     default=SECONDS,
     show_default=True,
-    help="Watch for so long. A covered lidar window shows after 11 s.",
+    help="How long to watch. A covered lidar window is found after 11 s.",
 )
 @click.option(
     "--spin",
     is_flag=True,
-    help="Drive the wheels too, to see which motor or encoder is the other way round; asks first.",
+    help="Also drive the wheels, to find reversed motors and encoders; asks first.",
 )
-@click.option("--yes", is_flag=True, help="Ask nothing: the answer is yes.")
-@click.option("--udev-rules", is_flag=True, help="Print the devices' udev rules, and nothing else.")
+@click.option("--yes", is_flag=True, help="Answer every question with yes.")
+@click.option("--udev-rules", is_flag=True, help="Only print the devices' udev rules.")
 @options.json_option
 @click.pass_context
 def doctor(
@@ -62,9 +62,9 @@ def doctor(
     udev_rules: bool,
     json_path: Path | None,
 ) -> None:
-    """Let every device work for some seconds and say of each whether it does.
+    """Watch every device for some seconds: ok, warn or FAIL, each with the next step.
 
-    ok, warn or FAIL, with the next step. The exit code is 1 where something failed.
+    The exit code is 1 if something failed.
     """
     if udev_rules:
         click.echo(RULES, nl=False)
@@ -119,5 +119,6 @@ def _verdict(found: list[Finding]) -> str:
         sum(finding.level == level for finding in found) for level in (Level.FAIL, Level.WARN)
     )
     if not failures and not warnings:
-        return "all is well"
-    return f"{failures} failed, {warnings} to be warned of: start with the first"
+        return "every check passed"
+    plural = "" if warnings == 1 else "s"
+    return f"{failures} failed, {warnings} warning{plural}: start with the first one"

@@ -27,12 +27,12 @@ from host.sessions.robot import robot_configuration
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
-simulate_option = options.simulate_option("Drive a simulated robot; it obeys its board.")
+simulate_option = options.simulate_option("Drive a simulated robot.")
 record_option = click.option(
     "--record",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Record what was measured and estimated (FILE ends in .mcap).",
+    help="Record measurements and estimates into FILE (.mcap).",
 )
 
 
@@ -42,7 +42,9 @@ def drive_options(command: AnyFunction) -> AnyFunction:
         options.robot_option,
         simulate_option,
         click.option(
-            "--seconds", type=options.Seconds(0.1), help="End after so long.  [default: never]"
+            "--seconds",
+            type=options.Seconds(0.1),
+            help="Stop after this time, s.  [default: never]",
         ),
         record_option,
         view_option,
@@ -69,7 +71,7 @@ class KeysByDefault(click.Group):
         if known is not None or cmd_name not in BEHAVIOURS.names():
             return known
 
-        @click.command(cmd_name, help=f"Drive as the behaviour {cmd_name!r} wants.")
+        @click.command(cmd_name, help=f"Drive by the behaviour {cmd_name!r}.")
         @drive_options
         def behave(**common: Any) -> None:
             _drive(lambda robot: catalogue.make(cmd_name, robot), **common)
@@ -79,7 +81,7 @@ class KeysByDefault(click.Group):
 
 @click.group(
     cls=KeysByDefault,
-    short_help="Drive the robot: by keys, a square, a walk.",
+    short_help="Drive the robot: keys, gamepad, square, random walk.",
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="""\b
 Examples:
@@ -89,7 +91,7 @@ Examples:
 def drive() -> None:
     """Drive the robot; without a command, by keys.
 
-    It stops before walls and teammates, and where a sensor it needs is lost (docs/driving.md).
+    It stops before walls and teammates, and when a sensor it needs is lost (docs/driving.md).
     """
 
 
@@ -103,7 +105,7 @@ Example:
 )
 @drive_options
 def keys(**common: Any) -> None:
-    """Drive by keys while one is held down: hold w/s, a/d, q/e, z/c; x ends."""
+    """Drive while a key is held: w/s, a/d, q/e, z/c; x ends."""
     driver = Keys()
 
     def press(key: str, time: float) -> None:
@@ -122,11 +124,13 @@ Example:
   swarmloc drive gamepad --robot robot.toml"""
 )
 @click.option(
-    "--device", metavar="PATH", help="As /dev/input/event5.  [default: the first gamepad]"
+    "--device",
+    metavar="PATH",
+    help="The gamepad, e.g. /dev/input/event5.  [default: the first one]",
 )
 @drive_options
 def gamepad(device: str | None, **common: Any) -> None:
-    """Drive by a gamepad while L1 or R1 is held; Ctrl-C or unplugging it ends."""
+    """Drive by a gamepad while L1 or R1 is held; Ctrl-C ends."""
     stick = Stick()
     with gamepad_read(find(device), stick):
         click.echo(HOLD)
@@ -138,10 +142,10 @@ def gamepad(device: str | None, **common: Any) -> None:
 Example:
   swarmloc drive walk --simulate --seconds 60"""
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of its random numbers.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random walk.")
 @drive_options
 def walk(seed: int, **common: Any) -> None:
-    """Wander at random and avoid what is in the way, until Ctrl-C or for --seconds."""
+    """Drive a random walk around obstacles, until Ctrl-C or for --seconds."""
     _drive(lambda robot: catalogue.make("walk", robot, seed), **common)
 
 
@@ -153,9 +157,9 @@ Example:
 @click.argument("name", metavar="NAME", type=click.Choice(sorted(catalogue.FORMATIONS)))
 @drive_options
 def formation(name: str, **common: Any) -> None:
-    """Take a place among the teammates, by its own estimates: circle, enclose, line, ...
+    """Take a place in a formation with the teammates (docs/behaviours.md).
 
-    docs/behaviours.md says what each does. A whole swarm: swarmloc simulate formation6.
+    For a whole simulated swarm: swarmloc simulate formation6.
     """
     _drive(lambda robot: catalogue.make(name, robot), **common)
 
@@ -172,15 +176,15 @@ Example:
     type=options.Seconds(1.0),
     default=180.0,
     show_default=True,
-    help="End after so long, whatever is missing.",
+    help="Stop after this time, s, even if data are missing.",
 )
 @record_option
 def calibration(
     robot_path: Path | None, scenario: str | None, seconds: float, record: Path | None
 ) -> None:
-    """Drive all that the fits of wheels, lidar and cameras need, in the room that there is.
+    """Record the drive that `swarmloc calibrate` needs, within the free space.
 
-    It ends when nothing is missing, and is recorded; `swarmloc calibrate` takes the recording.
+    It ends when there is enough data for wheels, lidar and cameras.
     """
     # The fits' rooms are slow to load, and no other way to drive needs them.
     from host.sessions.calibrating.drive_advice import drive_advice

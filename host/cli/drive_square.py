@@ -30,14 +30,19 @@ Examples:
 @options.robot_option
 @options.simulate_option("Drive a simulated robot.", _EMPTY_ROOM)
 @click.option(
-    "--side", "side_m", type=click.FloatRange(0.2, 20.0), default=1.0, show_default=True, help="m."
+    "--side",
+    "side_m",
+    type=click.FloatRange(0.2, 20.0),
+    default=1.0,
+    show_default=True,
+    help="Side of the square, m.",
 )
 @click.option(
     "--runs",
     type=click.IntRange(1, 20),
     default=1,
     show_default=True,
-    help="Each way; the paper takes 5.",
+    help="Runs in each direction; the paper drives 5.",
 )
 @options.json_option
 def square(
@@ -47,10 +52,10 @@ def square(
     runs: int,
     json_path: Path | None,
 ) -> None:
-    """Drive a square both ways, and say what its return errors say of the wheels (UMBmark).
+    """Drive a square in both directions and compute wheel corrections from its errors (UMBmark).
 
-    Against motion capture where there is one; else mark where the robot stands, and measure after
-    each square how far from the mark it ended.
+    Without motion capture, mark where the robot stands, and type after each square how far from
+    the mark it ended.
     """
     from host.sessions.live.squares import as_rows, square_rig
 
@@ -78,7 +83,7 @@ def _once(rig: Rig, side_m: float, left: bool, stopped: Callable[[], bool]) -> F
     def watch(halt: str) -> None:
         nonlocal last
         if halt != last and halt:
-            click.echo(f"  it stands: {halt}", err=True)
+            click.echo(f"  the robot stopped: {halt}", err=True)
         last = halt
 
     gathered = drive_square(rig, side_m, left, stopped=stopped, watch=watch)

@@ -20,19 +20,19 @@ from host.systems.catalogue import SYSTEMS, is_system_source, score_systems
 
 _HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
 
-A scenario is written as arena4:seconds=120,seed=1; several seeds of one are also pooled. A dataset
-is mrclam:FOLDER,landmarks=drop or clutter. Each teammate within {RANGE_M:g} m is to be reported at
-every scan; errors are cut off at {CUT_OFF_M:g} m ({MRCLAM_CUT_OFF_M:g} m in the dataset).
+A scenario is written as arena4:seconds=120,seed=1; several seeds of one scenario are also pooled. A
+data set is mrclam:FOLDER,landmarks=drop or clutter. Scored are teammates within {RANGE_M:g} m, at
+every scan; the cut-off of errors is {CUT_OFF_M:g} m ({MRCLAM_CUT_OFF_M:g} m in the data set).
 """
 
 _NO_PICTURES = """\
-the figures are CSV files only: matplotlib, which draws the pictures, is not installed
-to have them, too: pip install 'swarmloc[figures]'"""
+only CSV files were written: the pictures need matplotlib, which is not installed
+install it: pip install 'swarmloc[figures]'"""
 
 
 @click.command(
     help=_HELP,
-    short_help="Filters against truth, in figures.",
+    short_help="Score filters against truth.",
     epilog="""\b
 Examples:
   swarmloc evaluate arena4:seed=1 arena4:seed=2 --filters pmb,clairvoyant
@@ -47,19 +47,19 @@ Examples:
     "--filters",
     default="perera2021,phd,pmb,clairvoyant",
     show_default=True,
-    help=f"Which filters, of {', '.join(FILTERS.names())}.",
+    help=f"Filters to score: {', '.join(FILTERS.names())}.",
 )
 @click.option(
     "--sensors",
     default="lidar+camera,lidar",
     show_default=True,
-    help="Which sensors; a dataset has its own.",
+    help="Sensors to use, each choice by itself; data sets have their own.",
 )
 @click.option(
     "--systems",
     metavar="NAMES",
-    help=f"Systems of related works, too: all, or of {', '.join(SYSTEMS)} (docs/systems.md). "
-    "Sources of their own are swarm:robots=5,seed=1 and intruder:robots=6,seed=1.",
+    help=f"Related works to score, too: all, {', '.join(SYSTEMS)} (docs/systems.md). "
+    "They add the sources swarm:robots=5,seed=1 and intruder:robots=6,seed=1.",
 )
 @options.robot_or_recordings_option
 @options.truth_options
@@ -69,7 +69,7 @@ Examples:
     "figures_path",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Write curves as CSV and pictures to a new folder in DIR (docs/experiments.md).",
+    help="Write error curves (CSV, SVG, PNG) to a new folder in DIR (docs/experiments.md).",
 )
 def evaluate(
     sources: Sequence[str],

@@ -12,7 +12,7 @@ from host.sessions.robot import robot_configuration
 
 @click.command(
     "export",
-    short_help="A recording or ROS bag as tables or MCAP.",
+    short_help="Convert a recording or ROS bag to CSV or MCAP.",
     epilog=f"""\b
 Examples:
   swarmloc export today{SUFFIX} today/
@@ -27,10 +27,9 @@ Examples:
 def export_command(
     source: str, output: Path, robot_path: Path | None, json_path: Path | None
 ) -> None:
-    """Write what SOURCE holds into OUTPUT: a new recording, or a new folder of CSV tables.
+    """Convert SOURCE to OUTPUT: a recording if it ends in .mcap, else a folder of CSV tables.
 
-    SOURCE is a recording, also an old .swarmloc, or bag: and a ROS bag with its topics.
-    OUTPUT is a recording where it ends in .mcap.
+    SOURCE is a recording (.mcap or the older .swarmloc), or bag:PATH of a ROS bag with its topics.
     """
     robot = None if robot_path is None else robot_configuration(robot_path)
     with options.progress_bar() as progress:

@@ -14,7 +14,7 @@ from host.flashing.firmware import FLASH_BYTES, RAM_BYTES, Firmware
 
 @click.command(
     "flash",
-    short_help="The board's firmware, built and uploaded.",
+    short_help="Build and upload the board's firmware.",
     epilog="""\b
 Examples:
   swarmloc flash
@@ -27,13 +27,12 @@ Examples:
     metavar="PORT",
     help="The board's serial port.  [default: found by its USB id]",
 )
-@click.option("--build-only", is_flag=True, help="Stop before the board is looked for.")
+@click.option("--build-only", is_flag=True, help="Build only, without a board.")
 @options.json_option
 def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
-    """Build the firmware, upload it to the board and read back what the board then runs.
+    """Build the firmware, upload it, and read the version back from the board.
 
-    It is built with PlatformIO if that is installed and finds what it needs, otherwise with
-    Debian's avr-gcc.
+    It is built with PlatformIO if that is installed and complete, else with Debian's avr-gcc.
     """
     click.echo("building the firmware (the first time it may take some minutes)")
     firmware = romeo_build.build()

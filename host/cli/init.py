@@ -43,7 +43,7 @@ def _is_setting(key: str) -> bool:
 
 
 @click.command(
-    short_help="A commented robot.toml to begin with.",
+    short_help="Write a commented robot.toml.",
     epilog="""\b
 Examples:
   swarmloc init
@@ -52,7 +52,7 @@ Examples:
 )
 @click.argument("file", type=click.Path(path_type=Path), default="robot.toml")
 @click.option(
-    "--find", is_flag=True, help="Name the devices that are plugged in, by their sockets."
+    "--find", is_flag=True, help="Fill in the devices that are plugged in, by their USB sockets."
 )
 @click.option(
     "--set",
@@ -60,13 +60,13 @@ Examples:
     metavar="KEY=VALUE",
     multiple=True,
     callback=_settings,
-    help="Change a setting, as wheels.counts_per_turn=3840.",
+    help="Change a setting, e.g. wheels.counts_per_turn=3840.",
 )
 def init(file: Path, find: bool, settings: Mapping[str, Any]) -> None:
-    """Write the configuration of a Cherokey to FILE, robot.toml by default.
+    """Write a configuration to FILE: every setting with its unit, meaning and default.
 
-    It holds every setting with its unit, its meaning and its default value. A FILE that exists
-    is left as it is, but for what --find and --set change in it.
+    The defaults are those of a DFRobot Cherokey. In a FILE that exists, only --find and --set
+    change something.
     """
     if not (file.exists() and (find or settings)):
         _write(file)
@@ -79,8 +79,8 @@ def init(file: Path, find: bool, settings: Mapping[str, Any]) -> None:
     for key, value in {**settings, **devices}.items():
         click.echo(f"  {key} = {value}")
     if find and not devices:
-        click.echo("no device was found that it does not name already")
-    click.echo("next: change what differs on your robot, then try it without hardware:")
+        click.echo("no new device was found")
+    click.echo("next: change what differs on your robot, and try it without hardware:")
     click.echo(f"  swarmloc run --simulate arena4 --robot {file}")
     click.echo("and on the robot (docs/bringup.md):")
     click.echo("  swarmloc flash")
@@ -104,4 +104,4 @@ def _write(file: Path) -> None:
             error.strerror or str(error),
             "name a file in a folder that exists and that you can write",
         ) from error
-    click.echo(f"wrote {file}: every setting of a robot, with its unit and its default value")
+    click.echo(f"wrote {file}: every setting, with its unit, meaning and default")

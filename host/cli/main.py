@@ -65,16 +65,19 @@ class Commands(click.Group):
     "plugins",
     multiple=True,
     metavar="FILE.py",
-    help="Load a filter, scenario or lidar of your own (docs/extending.md); or the name of an "
-    "installed module.",
+    help="Load your own filter, scenario or lidar from a file or an installed module "
+    "(docs/extending.md).",
 )
-@click.option("--debug", is_flag=True, help="Show the traceback of a failure.")
+@click.option("--debug", is_flag=True, help="Show the traceback when a command fails.")
 def main(plugins: tuple[str, ...], debug: bool) -> None:
-    """Where each teammate of a robot swarm is, from one robot's own lidar, cameras and wheels.
+    """Relative localization for robot swarms: where each teammate is, by one robot's own sensors.
 
     \b
-    Example, without any hardware:
+    Try it without hardware:
       swarmloc run --simulate arena4
+    On a robot:
+      swarmloc init robot.toml
+      swarmloc doctor --robot robot.toml
     """
     for plugin in plugins:
         load_plugin(plugin)

@@ -13,7 +13,7 @@ from host.sessions.robot import robot_configuration
 
 @click.command(
     "map",
-    short_help="A map of the room, teammates taken out.",
+    short_help="Draw a map of the room without the teammates.",
     epilog="""\b
 Examples:
   swarmloc map today.mcap room.png
@@ -28,7 +28,7 @@ Examples:
     show_default=True,
     type=click.Choice(FILTERS.names()),
     metavar="NAME",
-    help="Who says where teammates are.",
+    help="Filter that locates the teammates.",
 )
 @click.option(
     "--cell",
@@ -37,7 +37,7 @@ Examples:
     show_default=True,
     type=click.FloatRange(0.01, 1.0),
     metavar="M",
-    help="Side of a cell, m: a pixel of the picture.",
+    help="Side of a cell (one pixel), m.",
 )
 @options.robot_or_recordings_option
 @options.json_option
@@ -49,11 +49,10 @@ def map_command(
     robot_path: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Draw what the lidar saw of SOURCE, a recording or a scenario, as an occupancy grid.
+    """Draw an occupancy grid of SOURCE, a recording or a scenario, from lidar and odometry.
 
-    OUTPUT, a PNG, has it without the teammates; OUTPUT-with-teammates.png beside it has them, too.
-    White is free, black is occupied, grey was not seen. Of a scenario the room is known, and it
-    says how many cells are wrong.
+    OUTPUT (PNG) has no teammates in it; OUTPUT-with-teammates.png has. White is free, black
+    occupied, grey not seen. For a scenario, wrong cells are counted.
     """
     if output.suffix != ".png":
         raise click.UsageError(f"a map is written as .png: {output.with_suffix('.png')}")

@@ -28,11 +28,11 @@ def _robot_option(default: str) -> Callable[[AnyCommand], AnyCommand]:
         "robot_path",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help=f"Configuration of the robot, robot.toml.  [default: {default}]",
+        help=f"The robot's configuration, robot.toml.  [default: {default}]",
     )
 
 
-robot_option = _robot_option("a Cherokey")
+robot_option = _robot_option("built-in settings")
 
 
 def simulate_option(what: str, scenario: str = "arena4") -> Callable[[AnyCommand], AnyCommand]:
@@ -47,13 +47,13 @@ def simulate_option(what: str, scenario: str = "arena4") -> Callable[[AnyCommand
     )
 
 
-robot_or_recordings_option = _robot_option("the recording's, else a Cherokey")
+robot_or_recordings_option = _robot_option("the recording's, else built-in settings")
 filter_option = click.option(
     "--filter",
     "filter_name",
     callback=lambda context, option, name: name and several(name, FILTERS.names(), "--filter")[0],
     metavar="NAME",
-    help=f"Filter to use: {', '.join(FILTERS.names())}.  [default: the configuration's]",
+    help=f"Filter to use: {', '.join(FILTERS.names())}.  [default: robot.toml's]",
 )
 
 
@@ -64,10 +64,12 @@ def check_writable(path: Path) -> None:
         raise UserError(
             f"cannot write {path}",
             f"there is no folder {path.parent}",
-            "make it, or choose a file in another one",
+            "make that folder, or choose another file",
         )
     if not os.access(path if path.exists() else folder, os.W_OK):
-        raise UserError(f"cannot write {path}", "it is not yours to write", "choose another file")
+        raise UserError(
+            f"cannot write {path}", "you have no permission to write it", "choose another file"
+        )
 
 
 def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
@@ -82,7 +84,7 @@ json_option = click.option(
     type=click.Path(path_type=Path, dir_okay=False),
     callback=_checked,
     metavar="FILE",
-    help="Write the figures to FILE as JSON too.",
+    help="Also write the results to FILE as JSON.",
 )
 
 
@@ -95,7 +97,7 @@ class Seconds(click.FloatRange):
         """The number. Raises a usage error."""
         found = float(super().convert(value, param, ctx))
         if not math.isfinite(found):
-            self.fail(f"{value} is no number of seconds.", param, ctx)
+            self.fail(f"{value} is not a number of seconds.", param, ctx)
         return found
 
 
@@ -130,8 +132,8 @@ def truth_options(command: AnyCommand) -> AnyCommand:
         "--truth",
         callback=_truth,
         metavar="FILE[:BODY]",
-        help="True paths from another system's file, for a recording: a CSV export of Motive, or a "
-        "CSV with the columns time,x,y,heading. BODY: the robot's own body in it.",
+        help="True paths for a recording, from a file: a CSV export of Motive, or a CSV with the "
+        "columns time,x,y,heading. BODY: this robot's body in it.",
     )
     units = click.option(
         "--truth-units",
@@ -141,7 +143,7 @@ def truth_options(command: AnyCommand) -> AnyCommand:
         expose_value=False,
         callback=_units,
         metavar="TIME,LENGTH,ANGLE",
-        help="Units of a CSV with named columns: s ms us ns, m cm mm, rad deg.",
+        help="Units of a CSV with named columns: s, ms, us or ns; m, cm or mm; rad or deg.",
     )
     return file(units(command))
 

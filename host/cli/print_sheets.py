@@ -10,9 +10,9 @@ from host.perception.strips.sheet import PAPERS_MM, strip_sheet
 from host.sessions.robot import robot_configuration
 
 
-@click.group(name="print", short_help="A teammate's strip, to print to scale.")
+@click.group(name="print", short_help="Draw a teammate's strip to print.")
 def print_group() -> None:
-    """Sheets to print: `swarmloc print strip`."""
+    """Draw sheets to print."""
 
 
 @print_group.command(
@@ -27,7 +27,7 @@ Examples:
     type=click.Choice(sorted(PAPERS_MM, reverse=True)),
     default="A4",
     show_default=True,
-    help="Paper, lying on its long side.",
+    help="Paper, landscape.",
 )
 @click.option(
     "--output",
@@ -35,12 +35,12 @@ Examples:
     default=Path("strip.svg"),
     show_default=True,
     metavar="FILE",
-    help="Drawing to write, SVG.",
+    help="SVG file to write.",
 )
 def strip(robot_path: Path | None, paper: str, output: Path) -> None:
-    """Draw the strip of [camera.strip] to scale, in pieces that go around a teammate.
+    """Draw the strip that a teammate wears, to scale, by [camera.strip] of robot.toml.
 
-    Print it in colour on matt paper, at 100 %: the ruler on it is 100 mm long.
+    Print it in colour on matt paper at 100 %: its ruler must be 100 mm long.
     """
     worn = robot_configuration(robot_path).camera.strip
     sheet = strip_sheet(worn, paper)

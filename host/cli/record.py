@@ -20,7 +20,7 @@ Example:
     "damaged",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Copy what can be read of a recording into a new file, compressed and with an index.",
+    help="Copy everything readable into a new file, compressed and with an index.",
 )
 @click.option(
     "--output",
@@ -30,9 +30,9 @@ Example:
 )
 @options.json_option
 def record(damaged: Path | None, output: Path | None, json_path: Path | None) -> None:
-    """Repair a recording of a run that was killed, or that is damaged.
+    """Repair a recording that was cut short or is damaged, into a new file.
 
-    The file itself is left as it is. `swarmloc run --record FILE` makes a recording.
+    To make a recording: swarmloc run --record FILE.
     """
     if damaged is None:
         raise click.UsageError("give --repair FILE; to record a run: swarmloc run --record FILE")

@@ -20,7 +20,7 @@ from host.viewer.server import Viewer
 
 
 @click.command(
-    short_help="A recording through the localizer again.",
+    short_help="Run a recording through the localizer again.",
     epilog=f"""\b
 Examples:
   swarmloc replay today{SUFFIX}
@@ -38,7 +38,7 @@ Examples:
 @click.option(
     "--speed",
     type=options.Seconds(0.0, min_open=True),
-    help="Show it on the screen, so many times as fast as it was.",
+    help="Show it on the screen at this speed; 1: as it was.",
 )
 @click.option(
     "--from",
@@ -46,18 +46,18 @@ Examples:
     type=options.Seconds(0.0),
     metavar="SECONDS",
     default=0.0,
-    help="With --speed or --view: begin to show it there; what came before is run through at once.",
+    help="With --speed or --view: start showing here; what came before is computed at once.",
 )
 @click.option(
     "--from-bytes",
     is_flag=True,
-    help="Decode again what lidar and board sent, instead of reading what was made of it then.",
+    help="Decode the recorded bytes of lidar and board again.",
 )
 @click.option(
     "--view",
     metavar="ADDRESS:PORT",
     callback=address_given,
-    help="Show it on the live page there, with a time bar, until Ctrl-C.",
+    help="Show it on a web page at this address, with a time bar, until Ctrl-C.",
 )
 @options.json_option
 def replay(
@@ -73,9 +73,8 @@ def replay(
 ) -> None:
     """Run a recording through the localizer again, as fast as possible.
 
-    A recording that is damaged is replayed up to there.
-    With the recording's own configuration the estimates are compared with the recorded ones;
-    exit code 1 where a bit differs.
+    With the recording's own configuration, the estimates are compared with the recorded ones: exit
+    code 1 if a bit differs. A damaged recording is replayed up to the damage.
     """
     if start_s and speed is None and view is None:
         raise click.UsageError("--from needs --speed or --view: nothing is shown without them")

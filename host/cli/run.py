@@ -52,7 +52,7 @@ def _intervals(
 
 
 @click.command(
-    short_help="Teammates on the screen, live.",
+    short_help="Show the teammates live.",
     epilog="""\b
 Examples:
   swarmloc run --simulate arena4
@@ -61,42 +61,42 @@ Examples:
 )
 @options.robot_option
 @options.simulate_option(
-    f"Simulate the devices: {', '.join(SCENARIOS.names())}, or as arena4:seed=1,robots=6."
+    f"Simulate the devices: {', '.join(SCENARIOS.names())}; settings as in arena4:seed=1,robots=6."
 )
 @click.option(
     "--unplug",
     metavar="DEVICE=FROM-TO",
     multiple=True,
     callback=_intervals,
-    help="Leave a simulated device out for some seconds, as lidar=2-4, board=3- or camera=5-8.",
+    help="Unplug a simulated device for some seconds, e.g. lidar=2-4, board=3- or camera=5-8.",
 )
 @click.option(
     "--seconds",
     type=options.Seconds(0.1),
-    help="End after so long.  [default: seconds of SCENARIO where it sets them, else never]",
+    help="Stop after this time, s.  [default: the scenario's seconds if given, else never]",
 )
 @click.option(
     "--record",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Record what was measured and estimated (FILE ends in .mcap).",
+    help="Record measurements and estimates into FILE (.mcap).",
 )
 @click.option(
     "--pictures",
     is_flag=True,
-    help="With --record: the cameras' pictures, too, megabytes a second.",
+    help="With --record: also record the cameras' pictures (megabytes per second).",
 )
 @click.option(
     "--sensors",
     type=click.Choice(SENSORS),
-    help="Sensors to use besides the wheels.  [default: those there are]",
+    help="Sensors to use besides the wheels.  [default: all in robot.toml]",
 )
 @view_option
 @click.option(
     "--drive",
     "drives",
     is_flag=True,
-    help="A stick on the live page drives the robot; the page's address ends in a token.",
+    help="Drive by a stick on the live page; its address then has a token.",
 )
 @foxglove_option
 @options.filter_option
@@ -115,7 +115,7 @@ def run(
     filter_name: str | None,
     json_path: Path | None,
 ) -> None:
-    """Show where the teammates are, until Ctrl-C or for --seconds, then a summary."""
+    """Show where the teammates are, on the screen and a web page, until Ctrl-C or --seconds."""
     if pictures and record is None:
         raise click.UsageError("--pictures needs --record: without it, the live page shows them")
     if unplug and scenario is None:
@@ -160,5 +160,5 @@ def _check_measured(figures: Mapping[str, Any]) -> None:
         raise UserError(
             "nothing was measured",
             "; ".join(down),
-            "do what the summary says of them, or try it without: swarmloc run --simulate arena4",
+            "do what the summary says, or try it without a robot: swarmloc run --simulate arena4",
         )

@@ -12,7 +12,7 @@ from host.sources.sensors import LIDAR_AND_CAMERA, SENSORS
 
 
 @click.command(
-    short_help="A scenario to a recording, at full speed.",
+    short_help="Record a scenario, faster than real time.",
     epilog=f"""\b
 Example:
   swarmloc simulate arena4:seconds=60,seed=1 --output arena{SUFFIX}
@@ -24,24 +24,24 @@ Example:
     type=click.Path(path_type=Path, dir_okay=False),
     required=True,
     metavar="FILE",
-    help=f"Recording to write (FILE ends in {SUFFIX}).",
+    help=f"Recording to write ({SUFFIX}).",
 )
 @click.option(
     "--sensors",
     type=click.Choice(SENSORS),
     default=LIDAR_AND_CAMERA,
     show_default=True,
-    help="Sensors that the robot has besides the wheels.",
+    help="Sensors of the robot besides the wheels.",
 )
 @options.robot_option
 @options.json_option
 def simulate(
     scenario: str, output: Path, sensors: str, robot_path: Path | None, json_path: Path | None
 ) -> None:
-    """Record what a robot would measure in SCENARIO, with the truth, at full speed.
+    """Record what a robot would measure in SCENARIO, with the truth, faster than real time.
 
-    SCENARIO is arena4, swarm20, furnished6 or misbuilt4, with settings as in
-    arena4:seconds=60,seed=1,robots=6.
+    SCENARIO is arena4, swarm20, furnished6, misbuilt4, ... with settings as in
+    arena4:seconds=60,seed=1,robots=6 (docs/scenarios.md).
     """
     with options.progress_bar() as progress:
         robot = robot_configuration(robot_path)

@@ -52,7 +52,7 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
 @click.command(
     "sweep",
     help=_HELP,
-    short_help="Seeds x settings x filters on many cores.",
+    short_help="Score filters over seeds and settings, on all cores.",
     epilog="""\b
 Examples:
   swarmloc sweep arena4:seconds=60 --seeds 21-30 --output sweep.jsonl
@@ -61,25 +61,27 @@ Examples:
   swarmloc sweep arena4 --seeds 1-100 --scheduler tcp://192.168.0.7:8786""",
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
-@click.option("--seeds", default="", callback=_numbers, help="Of each scenario, as 21-30 or 1,5,9.")
+@click.option(
+    "--seeds", default="", callback=_numbers, help="Seeds of each scenario, e.g. 21-30 or 1,5,9."
+)
 @click.option(
     "--filters",
     default="phd,clairvoyant",
     show_default=True,
-    help=f"Which filters, of {', '.join(FILTERS.names())}.",
+    help=f"Filters to score: {', '.join(FILTERS.names())}.",
 )
 @click.option(
     "--sensors",
     default="lidar+camera,lidar",
     show_default=True,
-    help="Which sensors; a dataset has its own.",
+    help="Sensors to use, each choice by itself; data sets have their own.",
 )
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY=V1,V2",
-    help="A setting of robot.toml and its values; with several, every combination.",
+    help="Values of a robot.toml setting to try; several --set give every combination.",
 )
 @options.robot_or_recordings_option
 @click.option(
@@ -88,13 +90,13 @@ Examples:
     default="sweep.jsonl",
     show_default=True,
     metavar="FILE",
-    help="Where each trial is kept, one JSON object a line.",
+    help="File of finished trials, one JSON object per line.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Of a dask scheduler that runs already.")
+@click.option("--scheduler", metavar="ADDRESS", help="A running dask scheduler to use.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
-    help="Processes on this computer.  [default: one a core]",
+    help="Processes on this computer.  [default: one per core]",
 )
 @options.json_option
 @click.pass_context

@@ -174,7 +174,7 @@ function tell() {
   at("about").textContent = "filter " + scene.filter;
   tellPlayback(scene.playback);
   at("seen").hidden = !scene.pictures.length;
-  at("count").textContent = scene.estimates.length + (scene.truth ? " (truly within 2 m: " + scene.truth.filter(t => Math.hypot(t.x, t.y) <= 2).length + ")" : "");
+  at("count").textContent = scene.estimates.length + (scene.truth ? " (true, within 2 m: " + scene.truth.filter(t => Math.hypot(t.x, t.y) <= 2).length + ")" : "");
   at("error").hidden = !scene.truth;
   const rows = at("teammates"), sorted = [...scene.estimates].sort((a, b) => a.label - b.label);
   while (rows.rows.length > sorted.length) rows.deleteRow(-1);

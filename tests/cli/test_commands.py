@@ -50,9 +50,9 @@ def test_help_has_an_example_and_figures_as_json(command):
     if command in ("flash", "record"):  # whatever robot.toml says
         return
     default = (
-        "the recording's, else a Cherokey"
+        "the recording's, else built-in settings"
         if command in ("replay", "export", "evaluate", "sweep")
-        else "a Cherokey"
+        else "built-in settings"
     )
     assert f"[default: {default}]" in " ".join(done.output.split())
 
@@ -177,7 +177,7 @@ def test_a_replay_at_speed_shows_the_screen(recording):
     done = invoke("replay", recording, "--speed", "4")
     assert done.exit_code == 0, done.output
     assert re.search(
-        r"1\.\d s +\d teammates?(, \d obstacles?)?; within 2.0 m \d, truly \d", done.output
+        r"1\.\d s +\d teammates?(, \d obstacles?)?; within 2.0 m: \d estimated, \d true", done.output
     )
 
 

@@ -28,20 +28,20 @@ _OPTIODOM = "optiodom:"
 
 
 @click.group(
-    short_help="Numbers of robot.toml from a drive, with a verdict.",
+    short_help="Fit robot.toml to a recorded drive, with a verdict.",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 def calibrate() -> None:
-    """Fit numbers of robot.toml to what the robot measured and motion capture saw.
+    """Fit the geometry, delays and noise in robot.toml to a drive under motion capture.
 
     \b
-    An afternoon with a robot (docs/calibration.md), here with a simulated one:
+    Step by step in docs/calibration.md; here with a simulated robot:
       swarmloc simulate misbuilt4 --output drive.mcap
       swarmloc calibrate wheels drive.mcap --robot robot.toml
       swarmloc calibrate lidar drive.mcap --robot robot.toml
       swarmloc calibrate camera drive.mcap --robot robot.toml
       swarmloc calibrate detection drive.mcap --robot robot.toml
-    or all four by one command, each with what those before it found and how well:
+    or all four in one command:
       swarmloc calibrate all drive.mcap --robot robot.toml
     """
 
@@ -64,13 +64,13 @@ Examples:
     "tests",
     multiple=True,
     metavar="SOURCE",
-    help="Score the fit on runs that it has not seen.",
+    help="Score the fit on runs that it was not fitted to.",
 )
 @fit_options("wheels")
 def wheels(sources: tuple[str, ...], tests: tuple[str, ...], **common: Any) -> None:
-    """Fit wheel radii, track, odometry's lag and noise to true paths.
+    """Fit wheel radii, track, and the odometry's delay and noise.
 
-    SOURCE is a recording, a scenario, or optiodom:FOLDER; without any the robot drives now.
+    SOURCE is a recording, a scenario or optiodom:FOLDER. Without it, drive the robot now.
     """
     from host.calibration.wheels.calibrate import calibrate as fit_wheels
     from host.calibration.wheels.drives import drives_of, wheels_advice
@@ -136,9 +136,9 @@ Examples:
 @click.argument("source", required=False)
 @fit_options("lidar")
 def lidar(source: str | None, **common: Any) -> None:
-    """Fit the lidar's mounting and delay to a teammate seen along a path.
+    """Fit the lidar's mounting and delay.
 
-    SOURCE is a recording or a scenario; without it the robot drives now.
+    SOURCE is a recording or a scenario. Without it, drive the robot now.
     """
     from host.calibration.lidar.calibrate import calibrate as fit_lidar
     from host.calibration.lidar.calibrate import lidar_advice
@@ -162,8 +162,8 @@ Examples:
 @click.option(
     "--quick",
     is_flag=True,
-    help="Only headings, places and delay, to begin with: strips' positions laid on the teammates' "
-    "(Belaroussi 2024), in seconds. The lens and the tilt stay.",
+    help="Fit only start values of headings, positions and delay, by aligning the strips' "
+    "positions with the teammates' (Belaroussi 2024). Lens and tilt are kept.",
 )
 @fit_options("camera")
 def camera(
@@ -173,9 +173,9 @@ def camera(
     quick: bool,
     **common: Any,
 ) -> None:
-    """Fit the cameras' lenses, mounting and delay to bearings of a teammate.
+    """Fit the cameras' lenses, mounting and delay.
 
-    SOURCE is a recording or a scenario; without it the robot drives now.
+    SOURCE is a recording or a scenario. Without it, drive the robot now.
     """
     from host.calibration.camera.calibrate import calibrate as fit_camera
     from host.calibration.camera.calibrate import camera_advice
@@ -201,9 +201,9 @@ Examples:
 @click.argument("source", required=False)
 @fit_options("detection")
 def detection(source: str | None, **common: Any) -> None:
-    """Fit how likely lidar and cameras see a teammate, and how often one that is not there.
+    """Fit the detection probabilities and false alarm rates of lidar and cameras.
 
-    SOURCE is a recording or a scenario; without it the robot drives now. Calibrate wheels, lidar
+    SOURCE is a recording or a scenario. Without it, drive the robot now. Calibrate wheels, lidar
     and cameras first.
     """
     from host.calibration.detection.calibrate import calibrate as fit_detection
@@ -223,11 +223,11 @@ Example:
 @click.argument("source")
 @fit_options("all")
 def everything(source: str, report_path: Path, json_path: Path | None, **common: Any) -> None:
-    """Fit wheels, lidar, cameras and detection to one drive, in this order.
+    """Fit wheels, lidar, cameras and detection to one drive.
 
-    Each takes over what those before it found, with its covariance. It ends at a fit that is
-    refused; what came before is written. What the drive has no readings of is left out. Every fit
-    has a report of its own: calibration-all-wheels.html, ...
+    Each fit uses the results of those before it, with their covariance. The first fit that is
+    refused ends it; fits before that are written. Sensors that the drive has no data of are
+    skipped. Each fit writes its own report: calibration-all-wheels.html, ...
     """
     from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
 

@@ -30,19 +30,19 @@ Examples:
     "--pictures",
     type=click.Path(path_type=Path, exists=True),
     metavar="PATH",
-    help="Pictures of tags: a folder, an MJPEG or an AVI file.  [default: the camera's, now]",
+    help="Pictures of tags: a folder, an MJPEG or an AVI file.  [default: live from the camera]",
 )
 @click.option(
     "--boards",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     metavar="FOLDER",
-    help="Pictures of a checkerboard by this camera: its lens is fitted to them and held.",
+    help="Folder of this camera's checkerboard pictures, to fit the lens to.",
 )
 @board_option
 @click.option(
     "--seconds",
     type=options.Seconds(1.0),
-    help="Of the camera's pictures, now.  [default: until Ctrl-C]",
+    help="Duration of the live pictures, s.  [default: until Ctrl-C]",
 )
 @result_options("ceiling")
 def ceiling(
@@ -58,8 +58,8 @@ def ceiling(
 ) -> None:
     """Fit the ceiling camera: its lens and mounting to tags, its delay to a drive.
 
-    Move a tag, flat and at its height, through all of the view: the camera's pictures are taken
-    now, or from --pictures. SOURCE is a recorded drive under this camera; it gives the delay.
+    Move a tag through the whole view, level and at its usual height. The pictures are taken live,
+    or from --pictures. SOURCE is a recorded drive under this camera; the delay is fitted to it.
     """
     fitting = Fitting(robot_path, None, None, None, report_path, accept, json_path)
     configured = robot_configuration(robot_path).mocap.ceiling

@@ -46,7 +46,7 @@ boards_option = click.option(
     multiple=True,
     callback=_folders,
     metavar="CAMERA=FOLDER",
-    help="Pictures of a checkerboard by one camera: its lens is fitted to them and held.",
+    help="Folder of one camera's checkerboard pictures, to fit its lens to.",
 )
 board_option = click.option(
     "--board",
@@ -54,7 +54,7 @@ board_option = click.option(
     callback=_board,
     show_default=True,
     metavar="CxR:M",
-    help="That board: its inner corners a row and a column, and the side of its squares in m.",
+    help="The checkerboard: inner corners per row and column, and the side of a square in m.",
 )
 
 

@@ -49,7 +49,7 @@ def _box(text: str) -> Box:
     callback=_boxes,
     multiple=True,
     metavar="X,Y,W,H[+...]",
-    help="Boxes around the strips of one picture, in pixels, joined by +; once for each picture.  "
+    help="Boxes around the strips in one picture, px, joined by +; once for each picture.  "
     "[default: the most saturated blob]",
 )
 @click.option(
@@ -65,7 +65,7 @@ def _box(text: str) -> Box:
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("annotated.png"),
     show_default=True,
-    help="Picture of what would be detected; more of them get -2, -3, ...",
+    help="Picture of what is detected; further pictures get -2, -3, ...",
 )
 @result_options("colour")
 def colour(
@@ -78,7 +78,7 @@ def colour(
     accept: bool,
     json_path: Path | None,
 ) -> None:
-    """Learn the colour of the teammates' strips from a few pictures of the camera.
+    """Learn the colour of the teammates' strips from a few camera pictures.
 
     \b
     Example, with a box around each of the strips in the two pictures:

@@ -21,8 +21,8 @@ from host.sessions.calibrating.gathering import Advice
 from host.sessions.recordings.truth_files import TruthFile
 
 _UNMOUNTED = (
-    "[mocap] says that the tracked body lies exactly on the robot's origin; if nobody made sure of "
-    "that, calibrate wheels first, which finds how it lies"
+    "[mocap] says that the tracked body is exactly at the robot's origin; unless you know that, "
+    "run `swarmloc calibrate wheels` first: it fits the body's pose on the robot"
 )
 
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
@@ -36,8 +36,8 @@ def result_options(kind: str) -> Callable[[FC], FC]:
             "robot_path",
             type=click.Path(path_type=Path, dir_okay=False),
             metavar="FILE",
-            help="robot.toml to begin with, and to write the fit to.  [default: a Cherokey, "
-            "or the recording's, and nothing is written]",
+            help="robot.toml to start from and to write the fit to.  [default: the recording's or "
+            "built-in settings; nothing is written]",
         ),
         click.option(
             "--report",
@@ -46,9 +46,9 @@ def result_options(kind: str) -> Callable[[FC], FC]:
             default=Path(f"calibration-{kind}.html"),
             show_default=True,
             metavar="FILE",
-            help="Report to write, with pictures.",
+            help="HTML report to write.",
         ),
-        click.option("--accept", is_flag=True, help="Write the fit even if its verdict is bad."),
+        click.option("--accept", is_flag=True, help="Write the fit even if a check fails."),
         options.json_option,
     )
 
@@ -57,25 +57,23 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
     """The options of every fit to a drive."""
     return _all_of(
         result_options(kind),
-        options.simulate_option(
-            "Without SOURCE: simulated devices instead of the robot's.", "misbuilt4"
-        ),
+        options.simulate_option("Without SOURCE: use simulated devices.", "misbuilt4"),
         click.option(
             "--seconds",
             type=options.Seconds(1.0),
-            help="Without SOURCE: end after so long.  [default: at Ctrl-C]",
+            help="Without SOURCE: stop after this time, s.  [default: at Ctrl-C]",
         ),
         click.option(
             "--record",
             type=click.Path(path_type=Path, dir_okay=False),
             metavar="FILE",
-            help="Without SOURCE: where to record the drive.  [default: drive-DATE-TIME.mcap]",
+            help="Without SOURCE: file to record the drive in.  [default: drive-DATE-TIME.mcap]",
         ),
         click.option(
             "--drive",
             "drives",
             is_flag=True,
-            help="Without SOURCE: the robot drives itself, until nothing is missing.",
+            help="Without SOURCE: the robot drives itself until there is enough data.",
         ),
         options.truth_options,
     )

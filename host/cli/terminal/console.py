@@ -92,7 +92,7 @@ def line(state: State) -> str:
     parts = [f"{state.seconds:7.1f} s", _tally(state)]
     if state.silent_s > _SILENT_S:
         parts.append(f"nothing measured for {state.silent_s:.1f} s")
-    parts += [f"{name} {'ok' if h.ok else 'DOWN'}" for name, h in state.devices.items()]
+    parts += [f"{name} DOWN" for name, health in state.devices.items() if not health.ok]
     return "  ".join(parts)
 
 
@@ -123,9 +123,7 @@ def _table(state: State, width: int, paint: Paint) -> list[str]:
 
 
 def _silence(silent_s: float) -> str:
-    return (
-        f"nothing was measured for {silent_s:.1f} s: what stands here is a guess that grows older"
-    )
+    return f"nothing was measured for {silent_s:.1f} s: these positions are only predicted"
 
 
 def _tally(state: State) -> str:

@@ -38,7 +38,7 @@ def address_given(
         return str(ipaddress.ip_address(host.strip("[]"))), int(port)
     except ValueError:
         raise click.BadParameter(
-            f"{value!r} is not like 127.0.0.1:8737 or [::1]:8737, and not none."
+            f"{value!r} is neither like 127.0.0.1:8737 or [::1]:8737 nor none."
         ) from None
 
 
@@ -46,8 +46,8 @@ view_option = click.option(
     "--view",
     metavar="ADDRESS:PORT",
     callback=address_given,
-    help="Where to serve the live page: 0.0.0.0:8737 shares it with who has the printed address; "
-    "none serves none.  [default: this computer alone, 127.0.0.1:8737 or a free port]",
+    help="Where to serve the live page; 0.0.0.0:8737 shares it with anyone who has the printed "
+    "address, none serves no page.  [default: this computer only, 127.0.0.1:8737 or a free port]",
 )
 
 
@@ -57,8 +57,8 @@ foxglove_option = click.option(
     is_flag=False,
     flag_value=f"127.0.0.1:{DEFAULT_PORT}",
     callback=address_given,
-    help="Serve the recording's topics live to the Foxglove app, too.  [this computer alone, "
-    f"ws://127.0.0.1:{DEFAULT_PORT}, where no address is given]",
+    help="Serve the recording's topics live to the Foxglove app.  [without address: this computer "
+    f"only, ws://127.0.0.1:{DEFAULT_PORT}]",
 )
 
 

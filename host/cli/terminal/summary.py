@@ -42,7 +42,7 @@ def summary(figures: Mapping[str, Any]) -> str:
 def _time(figures: Mapping[str, Any]) -> str:
     text = f"{figures['seconds']:.1f} s"
     if "times_real_time" in figures:
-        text += f", replayed {figures['times_real_time']:.1f} times as fast"
+        text += f", replayed at {figures['times_real_time']:.1f} times real time"
     return text
 
 
@@ -50,7 +50,7 @@ def _teammates(figures: Mapping[str, Any]) -> str:
     text = f"{figures['teammates_reported']:.1f} reported on average"
     if "teammates_in_range" in figures:
         within = figures["teammates_in_range"]
-        text += f", {within:.1f} truly within {RANGE_M:.1f} m (simulation)"
+        text += f"; true, within {RANGE_M:.1f} m: {within:.1f}"
     return text
 
 
@@ -63,8 +63,8 @@ def _names(figures: Mapping[str, Any]) -> str:
 
 def _error(error_mm: float | None, kind: str) -> str:
     if error_mm is None:
-        return "unknown: no report was near a teammate"
-    return f"{error_mm:.0f} mm {kind}, of reports that belong to a teammate"
+        return "unknown: no estimate was near a teammate"
+    return f"{error_mm:.0f} mm {kind}, over estimates matched to a teammate"
 
 
 def _scores(figures: Mapping[str, Any]) -> dict[str, str]:

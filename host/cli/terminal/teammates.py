@@ -87,7 +87,7 @@ def tally(now: Now) -> str:
     if truth is None:
         return words
     near, truly = (_in_range(each.positions) for each in (estimate, truth))
-    words += f"; within {RANGE_M:.1f} m {near}, truly {truly}"
+    words += f"; within {RANGE_M:.1f} m: {near} estimated, {truly} true"
     errors = errors_m(estimate, truth)
     if not np.all(np.isnan(errors)):
         words += f"; mean error {1000.0 * np.nanmean(errors):.0f} mm"

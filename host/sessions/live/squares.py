@@ -110,13 +110,19 @@ class Standing:
 def return_error(gathered: Gathered) -> FloatArray:
     """True place at the end less that by the wheels (x, y) m, in the frame of the start.
 
-    Raises UserError where the robot was not tracked.
+    Raises UserError if the robot was not tracked, or not at its start or end.
     """
     tracks = gathered.tracks()
     begin, end = tracks.span
     # It stands at both ends; in the middle of a second of it.
     times = np.array([begin + 0.05, end - 0.05])
     true, by_wheels = tracks.own(times), gathered.path().poses(times)
+    if not np.all(np.isfinite(true)):
+        raise UserError(
+            "the square has no return error",
+            "motion capture did not see the robot at its start or its end",
+            "run it again; if it repeats, swarmloc doctor checks motion capture and this computer",
+        )
     return np.subtract(_moved(true), _moved(by_wheels))
 
 

@@ -74,7 +74,7 @@ def test_a_row_tells_place_distance_bearing_and_error_in_the_units_of_its_headin
     heading, row = (text for text in frame(state, 80)[3:5])
     assert heading.split("  ")[-1].strip() == "error mm"
     assert cells(row) == ["1", "+0.300", "-0.400", "0.500", "-53.1", "20", "0.90", "0.2", "20"]
-    assert "1 teammate; within 2.0 m 1, truly 1; mean error 20 mm" in frame(state, 80)
+    assert "1 teammate; within 2.0 m: 1 estimated, 1 true; mean error 20 mm" in frame(state, 80)
 
 
 def test_without_truth_there_is_no_error():
@@ -99,7 +99,7 @@ def test_rows_keep_their_order_while_teammates_move():
 
 def test_both_counts_are_of_the_same_range():
     state = a_state(now_known([[1.0, 0.0], [2.4, 0.0]], a_truth([[1.0, 0.0], [2.41, 0.0]])))
-    assert "2 teammates; within 2.0 m 1, truly 1; mean error 5 mm" in frame(state, 80)
+    assert "2 teammates; within 2.0 m: 1 estimated, 1 true; mean error 5 mm" in frame(state, 80)
 
 
 def test_names_stand_beside_their_rows_and_in_the_count():
@@ -222,7 +222,7 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     assert out.take() == ""
     now[0] = 101.0
     drawn.draw()
-    assert out.take() == "    1.0 s  1 teammate  lidar ok\n"
+    assert out.take() == "    1.0 s  1 teammate\n"
     drawn.take(Health(1.0, "lidar", False, "gone\nplug it in", {}))
     drawn.draw()
     assert out.take() == "    1.0 s  lidar DOWN: gone; plug it in\n"

@@ -51,8 +51,8 @@ RUN = {
 def test_a_run_is_told_in_words_with_units():
     assert told(RUN) == {
         "time": "12.1 s",
-        "teammates": "2.7 reported on average, 2.8 truly within 2.0 m (simulation)",
-        "error": "45 mm mean, of reports that belong to a teammate",
+        "teammates": "2.7 reported on average; true, within 2.0 m: 2.8",
+        "error": "45 mm mean, over estimates matched to a teammate",
         "updates": "201 (16.6/s), 0.55 ms median, 4.6 ms p99",
         "latency": "lidar 22 ms median, 40 ms p99; camera 151 ms median, 162 ms p99",
         "load": "0.22 of one core",
@@ -90,9 +90,9 @@ def test_a_replay_is_told_with_its_score():
         "recording": "its last line is torn: the run was cut short",
     }
     assert told(figures) == {
-        "time": "6.9 s, replayed 9.7 times as fast",
+        "time": "6.9 s, replayed at 9.7 times real time",
         "teammates": "2.7 reported on average",
-        "error": "38 mm RMSE, of reports that belong to a teammate",
+        "error": "38 mm RMSE, over estimates matched to a teammate",
         "score": "GOSPA 0.389 m (localisation 54 mm), 0.79 missed, 0.43 false a scan",
         "updates": "118, 1.00 ms median, 1.0 ms p99",
         "estimates": "118 bit-identical, 0 different from the recorded",
