@@ -21,8 +21,8 @@ from host.sessions.calibrating.gathering import Advice
 from host.sessions.recordings.truth_files import TruthFile
 
 _UNMOUNTED = (
-    "[mocap] says that the tracked body is exactly at the robot's origin; unless you know that, "
-    "run `swarmloc calibrate wheels` first: it fits the body's pose on the robot"
+    "[mocap] says that the tracked body is exactly at the robot's origin; unless you know "
+    "that, calibrate wheels first: it fits the body's pose on the robot"
 )
 
 FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
