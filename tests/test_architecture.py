@@ -1,4 +1,4 @@
-"""The floors of ARCHITECTURE.md: a file imports its own room and rooms on floors below, no more."""
+"""The layers of ARCHITECTURE.md: a file imports its own package and those of layers below."""
 
 import ast
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FLOORS = {
+LAYERS = {
     "cli": 9,
     "experiments": 8,
     "sessions": 7,
@@ -38,7 +38,7 @@ FLOORS = {
     "folders": 1,
     "errors": 1,
 }
-GROUND = 1  # its files may import each other: errors ← config, messages ← geometry
+LOWEST = 1  # its files may import each other: errors ← config, messages ← geometry
 
 
 def module_of(file: Path) -> str:
@@ -50,21 +50,21 @@ MODULES = {module_of(file): file for file in sorted((ROOT / "host").rglob("*.py"
 PUBLIC = ROOT / "swarmloc"
 
 
-def room(module: str) -> str:
+def package(module: str) -> str:
     return module.split(".")[1] if "." in module else ""
 
 
 def imports(module: str) -> dict[str, int]:
     """Modules of the repository that `module` imports anywhere in it, and on which line."""
     found = {}
-    package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    parent = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
-                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                above = parent.split(".")[: len(parent.split(".")) - node.level + 1]
                 base = ".".join([*above, *([base] if base else [])])
             submodules = [f"{base}.{alias.name}" for alias in node.names]
             names = [name if name in MODULES else base for name in submodules]
@@ -77,19 +77,19 @@ def imports(module: str) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("module", sorted(set(MODULES) - {"host"}))
-def test_a_file_imports_only_its_own_room_and_floors_below(module: str) -> None:
-    assert room(module) in FLOORS, f"{module}: on which floor is it? Say so here and in the docs"
-    floor = FLOORS[room(module)]
+def test_a_file_imports_only_its_own_package_and_layers_below(module: str) -> None:
+    assert package(module) in LAYERS, f"{module}: add its layer here and in ARCHITECTURE.md"
+    layer = LAYERS[package(module)]
     for name, line in imports(module).items():
         where = f"{MODULES[module].relative_to(ROOT)}:{line} imports {name}"
         assert name in MODULES, f"{where}, which is no module of the package"
-        if room(name) == room(module) or floor == FLOORS[room(name)] == GROUND:
+        if package(name) == package(module) or layer == LAYERS[package(name)] == LOWEST:
             continue
-        assert FLOORS[room(name)] < floor, f"{where}, which is not on a floor below"
+        assert LAYERS[package(name)] < layer, f"{where}, which is not in a layer below"
 
 
-def test_the_plan_names_the_rooms_that_there_are() -> None:
-    assert sorted(FLOORS) == sorted({room(module) for module in MODULES} - {""})
+def test_every_package_has_a_layer() -> None:
+    assert sorted(LAYERS) == sorted({package(module) for module in MODULES} - {""})
 
 
 def test_the_public_package_is_names_of_host_and_nothing_more() -> None:
@@ -99,6 +99,15 @@ def test_the_public_package_is_names_of_host_and_nothing_more() -> None:
     homes = [line.module for line in lists if isinstance(line, ast.ImportFrom)]
     assert set(homes) <= set(MODULES), "it imports host only"
     assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) < 100
+
+
+def test_the_plan_has_the_same_layers() -> None:
+    plan = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    layer, stated = 0, {}
+    for number, row in re.findall(r"^\| (\d?) ?\| (`host/.*)", plan, re.MULTILINE):
+        layer = int(number or layer)
+        stated |= dict.fromkeys(re.findall(r"`(?:host/)?(\w+)(?:/|\.py)`", row), layer)
+    assert {name: stated.get(name) for name in LAYERS} == LAYERS
 
 
 def test_the_plan_names_files_that_there_are() -> None:
@@ -118,5 +127,5 @@ def test_no_file_imports_itself_by_a_detour() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError with the cycle
 
 
-def test_the_package_itself_is_empty_so_that_importing_one_room_loads_no_other() -> None:
+def test_the_package_itself_is_empty_so_that_importing_one_part_loads_no_other() -> None:
     assert not imports("host")
