@@ -16,17 +16,6 @@ _GAP_S = 0.1  # a body lost for longer is not interpolated
 _NOBODY = Bodies(0.0, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 
 
-def missing_rotations(steps: FloatArray, least_rad: float) -> list[str]:
-    """Which way a robot has not rotated enough, as an advice; steps (k,) rad, left is positive."""
-    rotated = {"left": steps[steps > 0.0].sum(), "right": abs(steps[steps < 0.0].sum())}
-    return [
-        f"rotate to the {side} by {math.degrees(least_rad):.0f} deg: "
-        f"{math.degrees(angle):.0f} so far"
-        for side, angle in rotated.items()
-        if angle < least_rad
-    ]
-
-
 def untracked(nothing: str) -> UserError:
     """The error of a drive of which `nothing` was seen while the robot was tracked."""
     return UserError(

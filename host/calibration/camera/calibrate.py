@@ -22,7 +22,8 @@ from host.calibration.camera.pictures import pictures
 from host.calibration.camera.reach import Reach, reach_of
 from host.calibration.camera.verdict import Halves, verdict
 from host.calibration.chain import BODY, LIDAR, by_base, carried
-from host.calibration.gathered import Gathered, missing_rotations
+from host.calibration.coverage import missing_rotations
+from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.stamps import stamps_check

@@ -27,7 +27,7 @@ _LEAST_VIEWS, _LEAST_CORNERS = 3, 8
 _START_WIDTHS = np.geomspace(0.15, 1.2, 13)  # focal lengths tried first, in widths of the picture
 _SOFT_PX = 0.5  # the first fit trusts corners less from this error on
 _OUTLIER_SIGMAS, _OUTLIER_PX = 6.0, 2.0  # a corner beyond both was not where it was taken to be
-_MOST_STEPS, _STEP = 100, 1e-7
+_MOST_STEPS = 100
 _WRONG_PX = 5.0  # no lens of this model explains the corners
 
 _T = TypeVar("_T", bound=np.generic)
@@ -167,38 +167,13 @@ class _Corners:
         """Drawn minus seen, (n, 2) px."""
         return np.asarray(self.draw(values)[0] - self.seen)
 
-    def _slopes(self, values: FloatArray) -> FloatArray:
-        """Derivatives (2 n, 5 + 6 v) of the errors.
-
-        A pose moves the corners of its own view alone, so one step serves the poses of all views.
-        """
-        slopes = np.zeros((len(self.seen), 2, len(values)))
-        here = self.errors(values)
-        every = np.arange(len(self.seen))
-        for k in range(11):
-            columns = np.array([k]) if k < 5 else np.arange(k, len(values), 6)
-            step = _STEP * max(1.0, float(np.abs(values[columns]).max()))
-            moved = values.copy()
-            moved[columns] += step
-            column = np.full(len(every), k) if k < 5 else k + 6 * self._owner
-            slopes[every, :, column] = (self.errors(moved) - here) / step
-        return slopes.reshape(-1, len(values))
-
     def solve(
         self, start: FloatArray, used: BoolArray, loss: Literal["linear", "soft_l1"]
     ) -> FloatArray:
         """The values that draw the `used` (n,) corners where they were seen, as `loss` weighs."""
-
-        def errors(values: FloatArray) -> FloatArray:
-            return self.errors(values)[used].ravel()
-
-        def slopes(values: FloatArray) -> FloatArray:
-            return self._slopes(values)[np.repeat(used, 2)]
-
         found = least_squares(
-            errors,
+            lambda values: self.errors(values)[used].ravel(),
             start,
-            jac=slopes,
             x_scale="jac",
             loss=loss,
             f_scale=_SOFT_PX,
@@ -244,29 +219,19 @@ def _camera_of(values: FloatArray, camera: Camera) -> Camera:
 def _pose(board: FloatArray, rays: FloatArray) -> FloatArray:
     """Pose (6,) of a plane from `rays` (n, 3) to its points `board` (n, 2), nan where a ray is.
 
-    The homography of the plane, with rays in place of points of a picture: ray x (H p) = 0.
+    By a pinhole camera that looks at the middle of the board, since the lens sees past 90 deg.
     """
     if not np.isfinite(rays).all():
         return np.full(6, math.nan)
-    scale = float(np.abs(board).max()) or 1.0
-    plane = np.column_stack((board / scale, np.ones(len(board))))
-    x, y, z = rays.T[:, :, None]
-    none = np.zeros_like(plane)
-    rows = np.concatenate(
-        (
-            np.hstack((none, -z * plane, y * plane)),
-            np.hstack((z * plane, none, -x * plane)),
-            np.hstack((-y * plane, x * plane, none)),
-        )
+    x, y, z = rays.mean(axis=0)
+    angle, across = math.atan2(math.hypot(x, y), z), max(math.hypot(x, y), 1e-12)
+    look = Rotation.from_rotvec(angle / across * np.array([y, -x, 0.0]))
+    ahead = look.apply(rays)
+    if ahead[:, 2].min() <= 0.0:
+        return np.full(6, math.nan)
+    points = np.column_stack((board, np.zeros(len(board))))
+    _, rotating, place = cv2.solvePnP(
+        points, ahead[:, :2] / ahead[:, 2:], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
-    homography = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 3)
-    if np.sum(rays * (plane @ homography.T)) < 0.0:  # the board lies where the rays go
-        homography = -homography
-    homography = homography @ np.diag((1.0 / scale, 1.0 / scale, 1.0))
-    homography = homography / math.sqrt(
-        float(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
-    )
-    u, _, v = np.linalg.svd(homography[:, :2], full_matrices=False)
-    first, second = (u @ v).T
-    rotating = np.column_stack((first, second, np.cross(first, second)))
-    return np.concatenate((Rotation.from_matrix(rotating).as_rotvec(), homography[:, 2]))
+    pose = look.inv() * Rotation.from_rotvec(rotating.ravel())
+    return np.concatenate((pose.as_rotvec(), look.inv().apply(place.ravel())))

@@ -31,14 +31,6 @@ _START = "a start value: calibrate camera without --quick says how well it is kn
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """Positions (n, 2) m that one camera gave, in the robot frame at `times` (n,) s."""
-
-    times: FloatArray
-    positions: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class Aligned:
     """How the positions of one camera have to be moved, and by how much it is later than known."""
 
@@ -72,21 +64,17 @@ def calibrate(gathered: Gathered) -> Calibration:
             f"none of them gave {LEAST_PAIRS} positions of strips that agree with a teammate's",
             "bring a teammate nearer, and check the strip's colour and height in [camera.strip]",
         )
-    rows: list[Fitted] = []
-    for name, aligned in found.items():
-        rows += _rows(name, getattr(config, name), aligned)
     delay = float(np.median([aligned.delay_s for aligned in found.values()]))
-    rows.append(
-        Fitted(
-            key="camera.delay_s",
-            name="delay of the cameras",
-            value=max(config.delay_s + delay, 0.0),
-            sigma=math.nan,
-            unbounded=_START,
-            before=config.delay_s,
-            unit="ms",
-        )
+    late = Fitted(
+        key="camera.delay_s",
+        name="delay of the cameras",
+        value=max(config.delay_s + delay, 0.0),
+        sigma=math.nan,
+        unbounded=_START,
+        before=config.delay_s,
+        unit="ms",
     )
+    rows = [row for name, each in found.items() for row in _rows(name, getattr(config, name), each)]
     figures: dict[str, Any] = {"used": {name: each.used for name, each in found.items()}}
     if gathered.bodies and len(gathered.scans) > 1:
         by_lidar = _aligned(gathered, Ranged(gathered))
@@ -98,7 +86,7 @@ def calibrate(gathered: Gathered) -> Calibration:
     advice = "drive with one teammate in plain view, and check the strip's colour"
     return Calibration(
         kind="camera",
-        fitted=tuple(rows),
+        fitted=(*rows, late),
         checks=(at_least("positions that agree", least, _LEAST_USED, "%", advice),),
         residuals=", ".join(
             f"{name}: rms {1e3 * each.motion.rms:.0f} mm over {len(each.motion.inliers)} positions"
@@ -109,8 +97,8 @@ def calibrate(gathered: Gathered) -> Calibration:
     )
 
 
-def seen_by(gathered: Gathered, camera: str) -> Seen:
-    """Where a camera saw strips, by bearing and size."""
+def seen_by(gathered: Gathered, camera: str) -> tuple[FloatArray, FloatArray]:
+    """Where a camera saw strips, by bearing and size: times (n,) s and positions (n, 2) m then."""
     times: list[float] = []
     positions = [np.zeros((0, 2))]
     for bearings in gathered.bearings:
@@ -119,49 +107,43 @@ def seen_by(gathered: Gathered, camera: str) -> Seen:
             positions.append(np.array(bearings.origin) + bearings.ranges[:, None] * along)
             times += [bearings.time] * len(along)
     step = -(-len(times) // _MOST_POSITIONS) or 1
-    return Seen(np.array(times)[::step], np.concatenate(positions)[::step])
+    return np.array(times)[::step], np.concatenate(positions)[::step]
 
 
-def aligned_with(seen: Seen, reference: Reference) -> Aligned:
-    """The alignment at the delay at which the errors are least. Raises UserError where none is."""
+def aligned_with(times: FloatArray, positions: FloatArray, reference: Reference) -> Aligned | None:
+    """The alignment at the delay at which the errors are least; None where there is none."""
     tried = []
-    for delay in _DELAYS_S:
-        teammates = reference.positions(seen.times, -float(delay))
-        try:
-            motion = _align(seen, teammates)
-        except UserError:
-            continue
-        tried.append((_cost(seen, teammates, motion.pose), float(delay), motion))
+    for delay in _DELAYS_S.tolist():
+        teammates = reference.positions(times, -delay)
+        motion = _align(positions, teammates)
+        if motion is not None:
+            tried.append((_cost(positions, teammates, motion.pose), delay, motion))
     if not tried:
-        raise UserError("no delay aligns the camera", "", "bring a teammate nearer")
+        return None
     _, delay, motion = min(tried, key=lambda each: each[0])
     return Aligned(motion, delay)
 
 
 def _aligned(gathered: Gathered, reference: Reference) -> dict[str, Aligned]:
     """Of each camera that gave enough."""
-    found: dict[str, Aligned] = {}
-    for name in CAMERAS:
-        seen = seen_by(gathered, name)
-        if len(seen.times) >= LEAST_PAIRS:
-            try:
-                found[name] = aligned_with(seen, reference)
-            except UserError:
-                continue
-    return found
+    found = {name: aligned_with(*seen_by(gathered, name), reference) for name in CAMERAS}
+    return {name: aligned for name, aligned in found.items() if aligned is not None}
 
 
-def _align(seen: Seen, teammates: FloatArray) -> Alignment:
+def _align(positions: FloatArray, teammates: FloatArray) -> Alignment | None:
     """With each position's nearest teammate (n, m, 2), found again after every round."""
     pose = np.zeros(3)
     for gate in _GATES_M:
-        nearest, apart = _nearest(to_parent(seen.positions, pose), teammates)
+        nearest, apart = _nearest(to_parent(positions, pose), teammates)
         known = np.isfinite(apart)
         if np.count_nonzero(known) < LEAST_PAIRS:
-            raise UserError("too few positions with a teammate", "", "bring a teammate nearer")
-        weights = np.where(known, 1.0 / np.sum(seen.positions**2, axis=1), 0.0)
+            return None
+        weights = np.where(known, 1.0 / np.sum(positions**2, axis=1), 0.0)
         partners = np.where(known[:, None], nearest, 0.0)
-        motion = align_robustly(seen.positions, partners, gate, weights, start=pose)
+        try:
+            motion = align_robustly(positions, partners, gate, weights, start=pose)
+        except UserError:
+            return None
         pose = motion.pose
     return motion
 
@@ -174,10 +156,10 @@ def _nearest(positions: FloatArray, teammates: FloatArray) -> tuple[FloatArray, 
     return teammates[rows, best], apart[rows, best]
 
 
-def _cost(seen: Seen, teammates: FloatArray, pose: FloatArray) -> float:
+def _cost(positions: FloatArray, teammates: FloatArray, pose: FloatArray) -> float:
     """Mean squared error relative to the distance, each cut off at that of the last gate."""
-    _, apart = _nearest(to_parent(seen.positions, pose), teammates)
-    return float(np.mean(np.minimum(apart, _GATES_M[-1]) ** 2 / np.sum(seen.positions**2, axis=1)))
+    _, apart = _nearest(to_parent(positions, pose), teammates)
+    return float(np.mean(np.minimum(apart, _GATES_M[-1]) ** 2 / np.sum(positions**2, axis=1)))
 
 
 def _rows(name: str, camera: Camera, aligned: Aligned) -> Sequence[Fitted]:

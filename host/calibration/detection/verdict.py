@@ -4,27 +4,25 @@ import math
 
 import numpy as np
 
+from host.calibration.coverage import DIRECTIONS, missing_directions, tracks_so_far
 from host.calibration.detection.camera_views import GATE_SIGMAS, CameraSurvey
 from host.calibration.detection.lidar_views import LidarSurvey
 from host.calibration.detection.range_curve import RangeCurve, Views
-from host.calibration.gathered import Gathered, Tracks
+from host.calibration.gathered import Gathered
 from host.calibration.result import Check, at_least, at_most
 from host.config import Cameras, Lidar
 from host.errors import UserError
-from host.geometry import wrap
-from host.messages import BoolArray, FloatArray
+from host.messages import BoolArray
 
 _LEAST_SCANS, _LEAST_PICTURES, _LEAST_VIEWS = 300, 300, 200
 _NEAR_M, _FAR_M, _LEAST_SIDE_VIEWS = 1.0, 1.5, 30
-_DIRECTIONS, _LEAST_A_DIRECTION = 12, 3
-_LEAST_HEADINGS = 9
+_LEAST_IN_ONE, _LEAST_DIRECTIONS, _LEAST_HEADINGS = 3, 7, 6  # of a direction; directions of 8
 _BESIDE_M = 0.06  # candidates further from the truth: a wrong mounting
 _NOWHERE_M = 0.5  # where candidates are not looked for any more
 _MEAN_ERROR_RAD, _MEAN_SHARE = math.radians(1.0), 0.5
 _LEAST_FREE_RAD = 200.0  # over all pictures; 6.3 rad a picture where nobody is
-_ADVICE_FRAMES = 300
+_ADVICE_MOMENTS = 300
 _ENOUGH_S = 60.0
-_MISSING_NAMED = 3
 
 
 def lidar_verdict(
@@ -37,7 +35,7 @@ def lidar_verdict(
         _count("revolutions of the lidar", len(survey.times), _LEAST_SCANS, "drive on for longer"),
         _count(
             "directions the robot had",
-            directions(survey.robots[:, 2]),
+            len(DIRECTIONS) - len(missing_directions(survey.robots[:, 2], _LEAST_IN_ONE)),
             _LEAST_HEADINGS,
             "rotate the robot all around: a dark wall and a pillar look alike until it does",
         ),
@@ -107,8 +105,8 @@ def _view_checks(sensor: str, views: Views) -> list[Check]:
         ),
         (
             "directions with views of teammates",
-            directions(views.bearings),
-            _DIRECTIONS - 1,
+            len(DIRECTIONS) - len(missing_directions(views.bearings, _LEAST_IN_ONE)),
+            _LEAST_DIRECTIONS,
             "drive so that teammates are seen on all sides of the robot",
         ),
     )
@@ -131,17 +129,6 @@ def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> lis
     ]
 
 
-def directions(bearings: FloatArray) -> int:
-    """In how many of 12 directions there are a few of the bearings (n,) rad."""
-    return int(np.sum(_by_direction(bearings) >= _LEAST_A_DIRECTION))
-
-
-def _by_direction(bearings: FloatArray) -> FloatArray:
-    known = wrap(bearings[np.isfinite(bearings)])
-    edges = np.linspace(-math.pi, math.pi, _DIRECTIONS + 1)
-    return np.histogram(known, edges)[0].astype(float)
-
-
 def detection_advice(gathered: Gathered) -> list[str]:
     """What is still missing while the robot drives, in words; empty when there is enough."""
     if not gathered.bodies:
@@ -149,43 +136,29 @@ def detection_advice(gathered: Gathered) -> list[str]:
     if not gathered.scans and not gathered.bearings:
         return ["neither scans nor pictures yet"]
     try:
-        times, tracks = _sampled(gathered)
-    except UserError:
-        return [f"motion capture does not see body {gathered.config.mocap.body}, this robot"]
+        tracks = tracks_so_far(gathered)
+    except UserError as error:
+        return [f"{error.what} ({error.why})"]
     if not len(tracks.identities):
         return ["motion capture sees no teammate"]
+    times = np.linspace(*tracks.span, _ADVICE_MOMENTS)
     seen = np.concatenate([tracks.relative(k, times) for k in tracks.identities.tolist()])
     seen = seen[np.isfinite(seen).all(axis=1)]
     distances, bearings = np.hypot(*seen.T), np.arctan2(*seen.T[::-1])
     length = gathered.bodies[-1].time - gathered.bodies[0].time
+    nearest, farthest = float(distances.min(initial=99.0)), float(distances.max(initial=0.0))
+    headings = len(DIRECTIONS) - len(missing_directions(tracks.own(times)[:, 2], _LEAST_IN_ONE))
+    unseen = missing_directions(bearings, _LEAST_IN_ONE)
+    near, far = np.sum(distances < _NEAR_M), np.sum(distances > _FAR_M)
     found = []
     if length < _ENOUGH_S - 1.0:
         found.append(f"drive for {_ENOUGH_S:.0f} s: {length:.0f} s so far")
-    nearest, farthest = float(distances.min(initial=99.0)), float(distances.max(initial=0.0))
-    if (distances < _NEAR_M).sum() < _LEAST_A_DIRECTION:
+    if near < _LEAST_IN_ONE:
         found.append(f"drive nearer to teammates than {_NEAR_M:g} m: {nearest:.1f} m so far")
-    if (distances > _FAR_M).sum() < _LEAST_A_DIRECTION:
+    if far < _LEAST_IN_ONE:
         found.append(f"drive further from teammates than {_FAR_M:g} m: {farthest:.1f} m so far")
-    headings = directions(tracks.own(times)[:, 2])
     if gathered.scans and headings < _LEAST_HEADINGS:
-        found.append(f"rotate all around: {headings} of {_DIRECTIONS} directions so far")
-    return found + _sides(bearings)
-
-
-def _sampled(gathered: Gathered) -> tuple[FloatArray, Tracks]:
-    """Paths of a few moments of the whole drive, each between two frames that follow each other."""
-    frames = gathered.bodies
-    step = max(len(frames) // _ADVICE_FRAMES, 2)
-    pairs = [frames[k : k + 2] for k in range(0, len(frames) - 1, step)] or [frames]
-    times = np.array([0.5 * (pair[0].time + pair[-1].time) for pair in pairs])
-    return times, Tracks([frame for pair in pairs for frame in pair], gathered.config.mocap)
-
-
-def _sides(bearings: FloatArray) -> list[str]:
-    empty = np.flatnonzero(_by_direction(bearings) < _LEAST_A_DIRECTION)
-    if len(empty) <= 1:
-        return []
-    middles = -180.0 + (empty + 0.5) * (360.0 / _DIRECTIONS)
-    named = ", ".join(f"{middle:+.0f}" for middle in middles[:_MISSING_NAMED])
-    more = ", ..." if len(empty) > _MISSING_NAMED else ""
-    return [f"no teammate was yet at bearings of {named}{more} deg"]
+        found.append(f"rotate all around: {headings} of {len(DIRECTIONS)} directions so far")
+    if len(unseen) > len(DIRECTIONS) - _LEAST_DIRECTIONS:
+        found.append(f"let a teammate be seen {', '.join(unseen)}")
+    return found

@@ -10,15 +10,14 @@ import math
 import numpy as np
 
 from host.calibration.chain import BODY, LIDAR, by_base, carried
-from host.calibration.gathered import Gathered, Tracks, missing_rotations
+from host.calibration.coverage import missing_rotations, tracks_so_far
+from host.calibration.gathered import Gathered, Tracks
 from host.calibration.lidar.pictures import pictures
 from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
 from host.calibration.lidar.verdict import (
     STEP_S,
     Outcome,
-    missing_bearings,
-    missing_pairs,
-    missing_ranges,
+    coverage_checks,
     verdict,
 )
 from host.calibration.result import Calibration, Fitted
@@ -38,7 +37,6 @@ _DELAYS_S = (-0.5, 1.0)  # that robot.toml may have
 _SCANNED = 500  # turrets that the cost at a delay is of
 _PAIRING_ROUNDS = 3
 _RISE_SIGMAS = 3.0
-_THINNED_S = 0.05  # motion capture is fast; for advice this will do
 _LEAST_ROTATION = math.pi
 # Std of what repeating does not show: where within a step of 1/64 deg the lidar's angles begin;
 # when in the time of a byte it is stamped.
@@ -234,11 +232,8 @@ def lidar_advice(gathered: Gathered) -> list[str]:
         return ["no revolution of the lidar yet"]
     if not gathered.bodies:
         return ["motion capture has seen nothing yet"]
-    lasted = gathered.bodies[-1].time - gathered.bodies[0].time
-    frames_per_s = (len(gathered.bodies) - 1) / max(lasted, 1e-9)
-    each = slice(None, None, max(round(_THINNED_S * frames_per_s), 1))
     try:
-        tracks = Tracks(gathered.bodies[each], gathered.config.mocap)
+        tracks = tracks_so_far(gathered)
     except UserError as error:
         return [f"{error.what} ({error.why})"]
     times = np.array([scan.time for scan in gathered.scans])
@@ -246,12 +241,10 @@ def lidar_advice(gathered: Gathered) -> list[str]:
     places = np.concatenate([np.zeros((0, 2)), *near])
     ranges = np.hypot(*places.T)
     in_range = ranges <= gathered.config.lidar.max_range_m
-    places, ranges = places[in_range], ranges[in_range]
-    headings = tracks.own(times)[:, 2]
-    missing = [
-        missing_pairs(len(places)),
-        missing_bearings(np.arctan2(places[:, 1], places[:, 0])),
-        missing_ranges(ranges),
-        *missing_rotations(np.diff(headings[np.isfinite(headings)]), _LEAST_ROTATION),
+    bearings = np.arctan2(places[:, 1], places[:, 0])
+    steps = np.diff(tracks.own(times)[:, 2])
+    checks = coverage_checks(ranges[in_range], bearings[in_range])
+    return [
+        *(check.advice for check in checks if not check.passed),
+        *missing_rotations(steps[np.isfinite(steps)], _LEAST_ROTATION),
     ]
-    return [text for text in missing if text]

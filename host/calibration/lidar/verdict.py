@@ -1,26 +1,15 @@
 """Whether a fit of the lidar's mounting is to be used, and what to do where it is not."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.coverage import DIRECTIONS, missing_directions
 from host.calibration.result import Check, at_least, at_most
 from host.calibration.robust.time_offset import DelayCurve
-from host.geometry import wrap
 from host.messages import BoolArray, FloatArray
 
-_SECTORS = (
-    "ahead",
-    "ahead on the left",
-    "on the left",
-    "behind on the left",
-    "behind",
-    "behind on the right",
-    "on the right",
-    "ahead on the right",
-)
-_LEAST_SECTORS, _LEAST_IN_SECTOR = 7, 10
+_LEAST_DIRECTIONS, _LEAST_IN_ONE = 7, 10
 _LEAST_RANGES_M = 0.6
 _LEAST_PAIRS, _LEAST_SHARE = 100, 0.1
 WIDEST_S = 0.1  # of the plausible delays
@@ -86,48 +75,44 @@ class Outcome:
         return errors[:, 0] * x + errors[:, 1] * y, errors[:, 1] * x - errors[:, 0] * y
 
 
-def missing_sectors(bearings: FloatArray) -> list[str]:
-    """Of eight directions around the robot those with too few bearings (n,) rad, in words."""
-    index = np.round(np.asarray(wrap(bearings)) / (math.tau / len(_SECTORS))).astype(int)
-    counts = np.bincount(index % len(_SECTORS), minlength=len(_SECTORS))
-    return [name for name, n in zip(_SECTORS, counts, strict=True) if n < _LEAST_IN_SECTOR]
+def coverage_checks(ranges: FloatArray, bearings: FloatArray) -> tuple[Check, Check, Check]:
+    """Whether teammates were seen often enough, all around, near and far: ranges m, bearings rad.
 
-
-def missing_bearings(bearings: FloatArray) -> str:
-    """Where teammates have not been seen enough, as an advice; "" where that will do."""
-    missing = missing_sectors(bearings)
-    if len(_SECTORS) - len(missing) >= _LEAST_SECTORS:
-        return ""
-    return f"let a teammate be seen {', '.join(missing)}"
-
-
-def missing_ranges(ranges: FloatArray) -> str:
-    """What ranges (n,) m have not been seen, as an advice; "" where they will do."""
+    Both (n,), of the sightings so far.
+    """
+    missing = missing_directions(bearings, _LEAST_IN_ONE)
     near, far = np.percentile(ranges, _PERCENTILES) if len(ranges) else (0.0, 0.0)
-    if far - near >= _LEAST_RANGES_M:
-        return ""
-    return f"let a teammate come from 0.5 to 2 m away: {near:.1f} to {far:.1f} m so far"
-
-
-def missing_pairs(count: int) -> str:
-    """How many more revolutions with a teammate in range are needed, as an advice, or ""."""
-    if count >= _LEAST_PAIRS:
-        return ""
-    return f"go on driving: a teammate in range in {count} revolutions, {_LEAST_PAIRS} are needed"
+    return (
+        at_least(
+            "teammates seen",
+            len(ranges),
+            _LEAST_PAIRS,
+            "",
+            f"drive on, with a teammate 0.5 to 2 m away: {len(ranges)} sightings so far, "
+            f"{_LEAST_PAIRS} are needed",
+        ),
+        at_least(
+            "bearings covered",
+            len(DIRECTIONS) - len(missing),
+            _LEAST_DIRECTIONS,
+            "of 8 directions",
+            f"let a teammate be seen {', '.join(missing)}",
+        ),
+        at_least(
+            "ranges covered",
+            far - near,
+            _LEAST_RANGES_M,
+            "m",
+            f"let a teammate come from 0.5 to 2 m away: {near:.1f} to {far:.1f} m so far",
+        ),
+    )
 
 
 def verdict(outcome: Outcome) -> tuple[Check, ...]:
     """The conditions under which the fit is to be used."""
-    ranges, bearings = outcome.polar
-    span = float(np.ptp(np.percentile(ranges, _PERCENTILES))) if len(ranges) else 0.0
+    seen, around, near_and_far = coverage_checks(*outcome.polar)
     return (
-        at_least(
-            "teammates seen",
-            int(np.count_nonzero(outcome.used)),
-            _LEAST_PAIRS,
-            "",
-            "record for longer, with a teammate 0.5 to 2 m away",
-        ),
+        seen,
         at_least(
             "turrets that are teammates",
             outcome.share,
@@ -137,14 +122,8 @@ def verdict(outcome: Outcome) -> tuple[Check, ...]:
             "clear the floor of other things as thin as a turret",
         ),
         *_delay_checks(outcome),
-        at_least(
-            "bearings covered",
-            len(_SECTORS) - len(missing_sectors(bearings)),
-            _LEAST_SECTORS,
-            "of 8 directions",
-            missing_bearings(bearings),
-        ),
-        at_least("ranges covered", span, _LEAST_RANGES_M, "m", missing_ranges(ranges)),
+        around,
+        near_and_far,
         at_most(
             "residual",
             outcome.rms,

@@ -4,7 +4,8 @@ import itertools
 
 import numpy as np
 
-from host.calibration.gathered import Gathered, missing_rotations
+from host.calibration.coverage import missing_rotations
+from host.calibration.gathered import Gathered
 from host.calibration.wheels.model import Drive
 from host.calibration.wheels.verdict import BIN_S, LEAST_TURN_RAD, LEAST_WAY_M
 from host.errors import UserError

@@ -114,9 +114,9 @@ def test_advice_names_what_a_standing_robot_has_not_seen() -> None:
     for k in range(4000):
         gathered.take(body(0.02 * k, 1, 2))
     asked = " / ".join(detection_advice(gathered))
-    assert "rotate all around: 1 of 12" in asked
+    assert "rotate all around: 1 of 8" in asked
     assert "further from teammates than 1.5 m: 1.0 m so far" in asked
-    assert "no teammate was yet at bearings of" in asked
+    assert "let a teammate be seen ahead on the left" in asked
 
 
 def test_advice_before_this_robot_is_seen_names_its_body() -> None:
