@@ -121,9 +121,8 @@ class CameraProblem:
         times, delay = self.strips.times - values[-1], float(values[-1])
         places = self._reference.positions(times)
         count, width = places.shape[:2]
-        height = np.full((count, width, 1), self.cameras.strip.height_m)
-        mounts = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras, 8:10]
-        points = np.concatenate((self._near_side(places, mounts), height), axis=2)
+        mounts = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras, 8:11]
+        points = self._middles(places, mounts)
         off = np.full((count, width), math.inf)
         for number in range(len(CAMERAS)):
             mine = self.strips.cameras == number
@@ -159,16 +158,27 @@ class CameraProblem:
         inside = np.minimum(self.strips.pixels, last - self.strips.pixels)
         return np.asarray((inside < half + _BORDER_PX).any(axis=1))
 
-    def _near_side(self, places: FloatArray, mounts: FloatArray) -> FloatArray:
-        """Where strips (n, m, 2) look to be from the cameras at `mounts` (n, 2), all in m.
+    def _middles(self, places: FloatArray, mounts: FloatArray) -> FloatArray:
+        """Where the middles (n, m, 3) of what is seen of strips look to be, from `mounts` (n, 3).
 
-        Of a cylinder its near half is seen: on average, by the width at which each part appears,
-        it is pi/4 of the radius nearer than the axis. Taken for the axis, it makes cameras 3 mm too
+        places (n, m, 2): of the strips' axes; all in m. Of a cylinder its near half is seen: on
+        average, by the width at which each part appears, it is pi/4 of the radius nearer than the
+        axis. A strip's middle is that of the elevations of its edges, which near the camera is not
+        the elevation of its middle. Taken for the middle of the axis, it makes cameras 3 mm too
         high.
         """
-        offset = places - mounts[:, None]
-        away = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 0.1)[..., None]
-        return np.asarray(places - math.pi / 8.0 * self.cameras.strip.diameter_m * offset / away)
+        strip = self.cameras.strip
+        offset, height = places - mounts[:, None, :2], mounts[:, 2:]
+        away = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 0.1)
+        nearer = math.pi / 8.0 * strip.diameter_m
+        upper, lower = (
+            np.arctan2(strip.height_m + half - height, away - nearer)
+            for half in (0.5 * strip.tall_m, -0.5 * strip.tall_m)
+        )
+        level = height + (away - nearer) * np.tan(0.5 * (upper + lower))
+        return np.concatenate(
+            (places - nearer * offset / away[..., None], level[..., None]), axis=2
+        )
 
     def _in_view(self, values: FloatArray, number: int, points: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3); nan for what one camera cannot show."""

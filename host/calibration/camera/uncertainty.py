@@ -10,8 +10,9 @@ from host.calibration.robust.statistics import bent_factor, block_sums, blocks_o
 from host.messages import BoolArray, FloatArray
 
 # Std of what repeating does not show: by how much strips are found too low or too high, all of them
-# (a tenth of a reduced pixel); which instant of an exposure is the picture's; how high strips sit.
-_LOW_PX, _STAMP_S, _STRIP_M = 0.4, 1e-4, 5e-4
+# (less than 0.1 px in rendered pictures); which instant of an exposure is the picture's; how high
+# strips sit.
+_LOW_PX, _STAMP_S, _STRIP_M = 0.1, 1e-4, 5e-4
 _BLOCK_S = 2.0  # errors nearer in time are not independent
 
 

@@ -46,5 +46,11 @@ class StripColour:
         0 for grey. Light and shade on a strip leave it as it is, and a pixel that the strip fills
         in part has less.
         """
-        colour = np.maximum(picture @ self._direction, 0.0)
-        return np.asarray(colour / np.maximum(picture.max(axis=2), _DARK))
+        return np.asarray(self.amount(picture) / np.maximum(picture.max(axis=2), _DARK))
+
+    def amount(self, picture: Image) -> FloatArray:
+        """How much of the colour each pixel of `picture` (h, w, 3) BGR has, of 255: (h, w).
+
+        It is proportional to light, and to how much of the pixel the strip fills, on any grey.
+        """
+        return np.asarray(np.maximum(picture @ self._direction, 0.0))

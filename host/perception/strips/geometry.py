@@ -103,6 +103,11 @@ class StripGeometry:
         x, y = reduced(pixels).T.reshape(2, *azimuth.shape)
         return x, y
 
+    def pixel(self, azimuth: float, elevation: float) -> tuple[float, float]:
+        """x, y in the full picture of one direction (rad)."""
+        x, y = self.reduced_pixels(np.array([azimuth]), np.array([elevation]))
+        return float(full_size(x)[0]), float(full_size(y)[0])
+
     def edges(self, distance_m: float) -> tuple[float, float, float]:
         """Elevations (rad) of a strip's upper edge, middle and lower edge, `distance_m` away."""
         half = 0.5 * self._cameras.strip.tall_m

@@ -30,6 +30,17 @@ def opponent(picture: Image, cast: float) -> Single:
     The opponent colour o = (G − (R + B) / 2) / mean, less the `cast` of the light on grey, drawn
     towards 0 by a share of |R − B| / mean: (h, w), within ±MOST. Differences of bytes end at 0.
     """
+    return by_light(*colour_and_light(picture, cast))
+
+
+def by_light(colour: Single, light: Image) -> Single:
+    """The quotient (h, w) of both, by FULL and within ±MOST."""
+    quotient = cv2.divide(colour, light, scale=FULL, dtype=cv2.CV_32F)
+    return np.asarray(np.clip(quotient, -MOST, MOST), dtype=np.float32)
+
+
+def colour_and_light(picture: Image, cast: float) -> tuple[Single, Image]:
+    """Dividend and divisor (h, w) of the opponent colour, both in levels of 255."""
     blue, green, red = cv2.split(picture)
     between = cv2.addWeighted(blue, 0.5, red, 0.5, 0.0)
     mean = np.maximum(cv2.addWeighted(green, 1.0 / 3.0, between, 2.0 / 3.0, 0.0), _DARK)
@@ -40,8 +51,7 @@ def opponent(picture: Image, cast: float) -> Single:
         for more, less in ((green, grey), (grey, green))
     )
     both = cv2.subtract(greener, redder, dtype=cv2.CV_32F)
-    by_mean = cv2.divide(both, mean, scale=FULL, dtype=cv2.CV_32F)
-    return np.asarray(np.clip(by_mean, -MOST, MOST), dtype=np.float32)
+    return np.asarray(both, dtype=np.float32), np.asarray(mean, dtype=np.uint8)
 
 
 def cast_of(picture: Image) -> float:

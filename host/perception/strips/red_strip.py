@@ -18,7 +18,7 @@ from host.messages import BoolArray, FloatArray, Image
 from host.perception.jpeg_decoder import SCALE
 from host.perception.strips.blob import Blob
 from host.perception.strips.colour import StripColour
-from host.perception.strips.geometry import REACH_M, StripGeometry, full_size
+from host.perception.strips.geometry import REACH_M, StripGeometry
 from host.perception.strips.patches import Patch, merged, patch_of
 
 _NEAREST, _FARTHEST = 0.7, 1.3  # times the bounds of reach: what a size may say of the distance
@@ -73,15 +73,19 @@ class OneColourSearch:
         if np.count_nonzero(inside) < _LEAST_MASK:
             return _unmeasured(patch, "too_few_pixels")
         purity = self._colour.purity(picture[box])
-        share = np.where(own & drawn, purity, 0.0)
-        share /= max(float(share.max()), 1e-3)
-        share[share < _EDGE] = 0.0
+        share = _share(purity, own & drawn)
         solid = self.geometry.solid_angle[box] * share
         total, pixels = float(solid.sum()), float(share.sum())
         if total == 0.0:
             return _unmeasured(patch, "colourless")
         azimuth = float((solid * self.geometry.azimuth[box]).sum()) / total
-        elevation = float((solid * self.geometry.elevation[box]).sum()) / total
+        # Light on a strip differs from side to side, not from top to bottom. There what is darker
+        # than the strip, the turret below it, would pass for the strip by purity.
+        upright = self.geometry.solid_angle[box] * _share(
+            self._colour.amount(picture[box]), own & drawn
+        )
+        elevation = float((upright * self.geometry.elevation[box]).sum() / upright.sum())
+        x, y = self.geometry.pixel(azimuth, elevation)
         strip = self._cameras.strip
         distance = math.sqrt(strip.diameter_m * strip.tall_m / total)
         reason = self._reason(patch, azimuth, elevation, distance)
@@ -95,8 +99,8 @@ class OneColourSearch:
             0.0, abs(self._proportion * patch.tall - patch.wide) - self._proportion * pixel_rad
         )
         return Blob(
-            x=_middle(share.sum(axis=0), box[1].start, pixels),
-            y=_middle(share.sum(axis=1), box[0].start, pixels),
+            x=x,
+            y=y,
             width=float(SCALE * (patch.right - patch.left)),
             height=float(SCALE * (patch.bottom - patch.top)),
             area_px=SCALE * SCALE * pixels,
@@ -151,6 +155,12 @@ def _unmeasured(patch: Patch, reason: str) -> Blob:
     return Blob(x, y, float(width), float(height), 0.0, False, reason)
 
 
-def _middle(sums: FloatArray, first: int, total: float) -> float:
-    """The weighted middle (full-size px) of rows or columns from `first` on."""
-    return float(full_size(first + (sums * np.arange(len(sums))).sum() / total))
+def _share(colour: FloatArray, own: BoolArray) -> FloatArray:
+    """How much of each pixel the strip fills, 0 to 1, by how much of its `colour` the pixels have.
+
+    0 in those that are not its `own`.
+    """
+    share = np.where(own, colour, 0.0)
+    share /= max(float(share.max()), 1e-3)
+    share[share < _EDGE] = 0.0
+    return np.asarray(share)

@@ -14,9 +14,9 @@ from host.geometry import wrap
 from host.messages import BoolArray, FloatArray, Image
 from host.perception.jpeg_decoder import SCALE
 from host.perception.strips.blob import Blob
-from host.perception.strips.geometry import StripGeometry, full_size
+from host.perception.strips.geometry import StripGeometry
 from host.perception.strips.pair_filter import Candidate, PairFilter, Template
-from host.perception.strips.panorama import Single, cast_of, opponent
+from host.perception.strips.panorama import Single, by_light, cast_of, colour_and_light
 
 _EDGE = 0.2  # of the half's colour: less is taken for the background
 _PIXEL_STD = 0.1  # std of a strip's middle in reduced pixels
@@ -35,9 +35,6 @@ class TwoColourSearch:
     def __init__(self, cameras: Cameras, camera: Camera, geometry: StripGeometry) -> None:
         self._cameras, self._geometry = cameras, geometry
         self._filter = PairFilter(geometry, cameras, SCALE / camera.focal_px)
-        places = full_size(np.indices(geometry.drawn.shape, dtype=float)[::-1])
-        # Of each pixel of the reduced picture: solid angle, and its products with x and y.
-        self._weights = np.stack([geometry.solid_angle * v for v in (1.0, *places)])
 
     def blobs_in(self, picture: Image) -> list[Blob]:
         """Everything that looks like a strip, left to right. picture (rows, columns, 3) BGR."""
@@ -68,17 +65,21 @@ class TwoColourSearch:
         lower = (elevation > -_WINDOW_TALL * template.lower_rad) & (
             elevation < _OVERLAP * template.upper_rad
         )
-        colour = opponent(picture[box], cast)
-        shares = [
-            _share(np.maximum(side * colour, 0.0), half & inside, half & beside).ravel()
-            for side, half in ((1.0, upper), (-1.0, lower))
-        ]
-        solid, x, y = self._weights[:, *box]
-        features = np.stack((solid, solid * azimuth, x, y)).reshape(4, -1)
-        sums = np.stack(shares) @ features.T
-        if not (sums[:, 0] > 0.0).all():
+        colour, light = colour_and_light(picture[box], cast)
+        halves = ((1.0, upper & inside, upper & beside), (-1.0, lower & inside, lower & beside))
+        # Light on a strip differs from side to side, not from top to bottom. There what is darker
+        # than the strip, the turret below it, would pass for the strip if colour were by light.
+        across, upright = (
+            np.stack([_share(np.maximum(side * of, 0.0), *half).ravel() for side, *half in halves])
+            for of in (by_light(colour, light), colour)
+        )
+        solid = self._geometry.solid_angle[box]
+        sums = across @ np.stack((solid, solid * azimuth)).reshape(2, -1).T
+        high = upright @ np.stack((solid, solid * elevation)).reshape(2, -1).T
+        if not (sums[:, 0] > 0.0).all() or not high[:, 0].all():
             return None
-        return self._blob(candidate, sums, math.sqrt(float(solid.mean())))
+        level = candidate.elevation + float(high[:, 1].sum() / high[:, 0].sum())
+        return self._blob(candidate, sums, level, math.sqrt(float(solid.mean())))
 
     def _box(self, candidate: Candidate) -> tuple[slice, slice] | None:
         """The pixels about a candidate."""
@@ -90,10 +91,13 @@ class TwoColourSearch:
             slice(left, candidate.column + t.wide + round(0.35 * t.wide) + 2),
         )
 
-    def _blob(self, candidate: Candidate, sums: FloatArray, pixel_rad: float) -> Blob:
-        """sums (2, 4): of green and magenta, solid angle and its products with azimuth, x and y."""
+    def _blob(
+        self, candidate: Candidate, sums: FloatArray, elevation: float, pixel_rad: float
+    ) -> Blob:
+        """sums (2, 2): of green and magenta, solid angle and its product with azimuth."""
         template, strip = candidate.template, self._cameras.strip
-        solid, azimuth, x, y = sums.sum(axis=0) / (1.0, *[sums[:, 0].sum()] * 3)
+        solid = float(sums[:, 0].sum())
+        azimuth = candidate.azimuth + float(sums[:, 1].sum()) / solid
         distance = math.sqrt(strip.diameter_m * strip.tall_m / solid)
         pixels = solid / pixel_rad**2
         halves = sums[:, 1] / sums[:, 0]
@@ -102,15 +106,16 @@ class TwoColourSearch:
             template, apart / (template.wide_rad + pixel_rad), distance, self._cameras.max_range_m
         )
         tall_rad = template.upper_rad + template.lower_rad
+        x, y = self._geometry.pixel(azimuth, elevation)
         return Blob(
-            x=float(x),
-            y=float(y),
+            x=x,
+            y=y,
             width=SCALE * template.wide_rad / pixel_rad,
             height=SCALE * tall_rad / pixel_rad,
-            area_px=float(SCALE * SCALE * pixels),
+            area_px=SCALE * SCALE * pixels,
             kept=not reason,
             reason=reason,
-            bearing_rad=self._geometry.bearing(candidate.azimuth + float(azimuth)),
+            bearing_rad=self._geometry.bearing(azimuth),
             variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + apart**2 / 12.0,
             range_m=distance,
             range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),

@@ -54,13 +54,23 @@ GROUND = {"front": FRONT, "rear": REAR}
 
 
 def seen_middle(camera: Ground, place: FloatArray) -> FloatArray:
-    """Pixel (2,) of the middle of what is seen of a strip: of its near half, by apparent width."""
+    """Pixel (2,) of the middle of what is seen of a strip: of its near half, by solid angle."""
+    strip = RobotConfig().camera.strip
     angles = (np.arange(60) + 0.5) / 60 * math.pi - 0.5 * math.pi
     facing = math.atan2(camera.place[1] - place[1], camera.place[0] - place[0])
-    radius = 0.5 * RobotConfig().camera.strip.diameter_m
-    x, y = (place[k] + radius * side(angles + facing) for k, side in enumerate((np.cos, np.sin)))
-    points = np.column_stack((x, y, np.full(60, STRIP_M)))
-    return np.asarray(np.average(camera.pixels(points), axis=0, weights=np.cos(angles)))
+    heights = STRIP_M + ((np.arange(20) + 0.5) / 20 - 0.5) * strip.tall_m
+    normals = np.stack((np.cos(angles + facing), np.sin(angles + facing)), axis=1)
+    points = np.zeros((60, 20, 3))
+    points[..., :2] = (place[:2] + 0.5 * strip.diameter_m * normals)[:, None]
+    points[..., 2] = heights
+    rays = points - np.array(camera.place)
+    away = np.linalg.norm(rays, axis=2)
+    solid = np.maximum(-np.einsum("amk,ak->am", rays[..., :2], normals), 0.0) / away**3
+    elevations = np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1]))
+    level = float(np.average(elevations, weights=solid))
+    # To both sides of the facing line a coat is alike.
+    ray = np.array([[-math.cos(facing), -math.sin(facing), math.tan(level)]])
+    return np.asarray(camera.pixels(np.array(camera.place) + ray)[0])
 
 
 def shown(pixels: FloatArray) -> BoolArray:
