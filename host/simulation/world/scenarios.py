@@ -86,6 +86,8 @@ class Scenario:
     mocap_hz: float = _bounded(0.0, 0.0, 360.0)  # frames of motion capture; 0: there is none
     mocap_noise_mm: float = _bounded(0.2, 0.0, 100.0)  # std of a body's place, per axis
     mocap_noise_deg: float = _bounded(0.1, 0.0, 10.0)  # and of its heading
+    # So far beside its turret, whichever way, a teammate's body has its pivot.
+    pivot_m: float = _bounded(0.0, 0.0, 0.1)
 
     def generator(self, purpose: str) -> np.random.Generator:
         """Return the random numbers of one purpose: others neither shift nor share them."""

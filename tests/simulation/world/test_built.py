@@ -10,6 +10,7 @@ from host.geometry import Path, to_frame
 from host.messages import Bodies, Displacement, Message, Scan, Truth
 from host.simulation.offline import Simulation
 from host.simulation.world.built import built, known
+from host.simulation.world.motion_capture import pivots_of
 from host.simulation.world.scenarios import parse_scenario
 
 CONFIG = RobotConfig()
@@ -93,3 +94,20 @@ def test_motion_capture_sees_every_body_where_it_lies_on_its_robot() -> None:
         if truth is not None:
             seen = to_frame(frame.poses[1:, :2], poses[0])
             assert seen == pytest.approx(truth.positions, abs=1e-6)
+
+
+def test_a_pivot_beside_its_turret_stays_there_on_the_robot_and_shifts_no_other_random_number() -> (
+    None
+):
+    text = "arena4:seconds=1,seed=3,misbuilt=1,mocap_hz=50"
+    straight = [m for m in run(text)[1] if isinstance(m, Bodies)]
+    beside = [m for m in run(f"{text},pivot_m=0.02")[1] if isinstance(m, Bodies)]
+    pivots = pivots_of(parse_scenario(f"{text},pivot_m=0.02"), 0)
+    assert np.hypot(*pivots.T) == pytest.approx([0.0, 0.02, 0.02, 0.02])
+    assert len({tuple(pivot) for pivot in pivots.tolist()}) == 4
+    for one, other in zip(straight, beside, strict=True):
+        assert np.array_equal(one.poses[:, 2], other.poses[:, 2])
+        c, s = np.cos(one.poses[:, 2]), np.sin(one.poses[:, 2])
+        # The heading has noise of 0.1 deg, of which 20 mm make 0.03 mm.
+        moved = np.stack((c * pivots[:, 0] - s * pivots[:, 1], s * pivots[:, 0] + c * pivots[:, 1]))
+        assert other.poses[:, :2] - one.poses[:, :2] == pytest.approx(moved.T, abs=2e-4)
