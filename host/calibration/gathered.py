@@ -1,7 +1,8 @@
 """What calibration works on: a robot's messages in one place, and the true paths in them."""
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class Tracks:
     """True paths of the robot and its teammates on the floor, from what motion capture saw.
 
     bodies: times (k,) s and poses (k, 3), headings not wrapped, of each by its number. identities
-    (n,): of the teammates. Between frames paths are interpolated; while a body is lost
+    (n,): of the teammates. turrets: where in its body's frame (2,) m a teammate's turret is, by its
+    number; others are at its pivot. Between frames paths are interpolated; while a body is lost
     for longer than 0.1 s, before the first frame and after the last, everything is nan.
     Raises UserError where the robot's own body was never seen.
     """
@@ -53,10 +55,20 @@ class Tracks:
                 "set body in [mocap] of robot.toml to this robot's streaming id or tag number",
             )
         self._body = mocap.body
-        # The robot frame in the body's own frame.
-        back = to_frame(np.zeros((1, 2)), np.array([mocap.x_m, mocap.y_m, mocap.heading_rad]))
-        self._robot = back, -mocap.heading_rad
+        self._mount(np.array([mocap.x_m, mocap.y_m, mocap.heading_rad]))
+        self.turrets: Mapping[int, FloatArray] = {}
         self.identities: IntArray = np.array([n for n in self.bodies if n != mocap.body], dtype=int)
+
+    def _mount(self, pose: FloatArray) -> None:
+        # The robot frame in the body's own frame.
+        self._robot = to_frame(np.zeros((1, 2)), pose), -float(pose[2])
+
+    def mounted(self, pose: FloatArray, turrets: Mapping[int, FloatArray]) -> "Tracks":
+        """The same, for an own body that lies at `pose` (3,) on the robot, and other turrets."""
+        other = copy.copy(self)
+        other._mount(pose)
+        other.turrets = turrets
+        return other
 
     @property
     def span(self) -> tuple[float, float]:
@@ -90,7 +102,15 @@ class Tracks:
 
     def relative(self, identity: int, times: FloatArray) -> FloatArray:
         """Positions (k, 2) m of a teammate in the robot frame at `times` (k,)."""
-        return to_frame(self.body(identity, times)[:, :2], self.own(times))
+        body = self.body(identity, times)
+        place = body[:, :2]
+        if identity in self.turrets:
+            place = to_parent(np.broadcast_to(self.turrets[identity], place.shape), body)
+        return to_frame(place, self.own(times))
+
+    def rotated(self, identity: int, times: FloatArray) -> FloatArray:
+        """Headings (k,) rad of a teammate's body in the robot frame at `times` (k,)."""
+        return np.asarray(self.body(identity, times)[:, 2] - self.own(times)[:, 2])
 
     def truths(self, times: FloatArray) -> list[Truth]:
         """Where the teammates are at each of `times` (k,) at which they and the robot are seen."""

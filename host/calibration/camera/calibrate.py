@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.stamps import stamps_check
-from host.config import Camera
+from host.config import Camera, Cameras
 from host.errors import UserError
 from host.geometry import wrap
 from host.messages import FloatArray
@@ -183,6 +183,24 @@ def _rows(
     reaches: Mapping[int, Reach],
 ) -> tuple[Fitted, ...]:
     cameras = gathered.config.camera
+    noise = max(normal_sigma(off), _LEAST_NOISE_RAD)
+    spread = Fitted(
+        key="",
+        name="noise of a bearing",
+        value=noise,
+        sigma=noise / math.sqrt(2.0 * max(len(off), 1)),
+        unbounded="the fit of detection writes it",
+        before=cameras.bearing_noise_rad,
+        unit="deg",
+    )
+    *rows, delay = value_rows(cameras, fit, halves, known)
+    return (*rows, *_reach_rows(reaches), delay, spread)
+
+
+def value_rows(
+    cameras: Cameras, fit: CameraFit, halves: Halves, known: Collection[str]
+) -> tuple[Fitted, ...]:
+    """Rows of a report for what is fitted, the delay last. known: cameras whose lens is held."""
     sigmas = np.sqrt(np.diag(fit.covariance))
     rows = []
     for place in range(len(NAMES) * len(CAMERAS)):
@@ -207,7 +225,6 @@ def _rows(
             )
         )
     total = [cameras.delay_s + part.delay for part in (fit, *(halves or ()))]
-    noise = max(normal_sigma(off), _LEAST_NOISE_RAD)
     delay = Fitted(
         key="camera.delay_s",
         name="delay of the cameras",
@@ -218,16 +235,7 @@ def _rows(
         halves=(total[1], total[2]) if halves else None,
         unit="ms",
     )
-    spread = Fitted(
-        key="",
-        name="noise of a bearing",
-        value=noise,
-        sigma=noise / math.sqrt(2.0 * max(len(off), 1)),
-        unbounded="the fit of detection writes it",
-        before=cameras.bearing_noise_rad,
-        unit="deg",
-    )
-    return (*rows, *_reach_rows(reaches), delay, spread)
+    return (*rows, delay)
 
 
 def _reach_rows(reaches: Mapping[int, Reach]) -> list[Fitted]:

@@ -6,6 +6,7 @@ fitted at once, for they share one delay. What is not observable is held near wh
 by a prior that the covariance includes.
 """
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -72,7 +73,8 @@ class CameraFit:
 class CameraProblem:
     """Strips, a reference for them and what is configured: all that a fit needs.
 
-    lenses: cameras whose lens (focal length, centre, k1, k2) is known already, and held.
+    lenses: cameras whose lens (focal length, centre, k1, k2) is known already, and held. mean,
+    spread (23,): the prior, of what is configured and how far (std) it may be off.
     """
 
     def __init__(
@@ -87,9 +89,9 @@ class CameraProblem:
             [getattr(lens if k < LENS_NAMES else mount, name) for k, name in enumerate(NAMES)]
             for lens, mount in zip(lenses_of, mounted, strict=True)
         ]
-        self._mean = np.array([*rows[0], *rows[1], 0.0])
-        self._spread = np.concatenate((_PRIOR, _PRIOR, [_PRIOR_DELAY_S]))
-        self._free = np.full(len(self._mean), True)
+        self.mean = np.array([*rows[0], *rows[1], 0.0])
+        self.spread = np.concatenate((_PRIOR, _PRIOR, [_PRIOR_DELAY_S]))
+        self._free = np.full(len(self.mean), True)
         for number, name in enumerate(CAMERAS):
             if name in lenses:
                 self._free[len(NAMES) * number :][:LENS_NAMES] = False
@@ -97,7 +99,7 @@ class CameraProblem:
     def fit(self) -> CameraFit:
         """Search, then refine from the two likeliest delays; the fit that explains more."""
         lenses_known = tuple(name in self._lenses for name in CAMERAS)
-        starts = likely_starts(self.strips, self._reference, self.cameras, self._mean, lenses_known)
+        starts = likely_starts(self.strips, self._reference, self.cameras, self.mean, lenses_known)
         found = [self._refine(start, _GATES) for start in starts]
         return min(found, key=lambda fit: self.cost(fit.values, fit.pairs))
 
@@ -107,8 +109,18 @@ class CameraProblem:
             self.strips.times[chosen], self.strips.cameras[chosen], self.strips.pixels[chosen]
         )
         part = CameraProblem(strips, self._reference, self.cameras, self._lenses)
-        fit = part._refine(start.values, _GATES[-2:])
+        fit = part.near(start.values)
         return fit if fit.fitted == start.fitted else None
+
+    def near(self, start: FloatArray) -> CameraFit:
+        """The fit from values (23,) near by, without a search."""
+        return self._refine(start, _GATES[-2:])
+
+    def against(self, reference: Reference) -> "CameraProblem":
+        """The same with another reference."""
+        other = copy.copy(self)
+        other._reference = reference
+        return other
 
     def cost(self, values: FloatArray, pairs: Pairs) -> float:
         """Mean over all strips of how badly they are explained, 0 to 1; unpaired ones count 1."""
@@ -142,7 +154,8 @@ class CameraProblem:
             chosen = points[every, nearest]
         paired &= np.isfinite(speed).all(axis=1) & ~self._cut(values, chosen)
         speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
-        return Pairs(self.strips, chosen, speed, self._sigmas(values, chosen), paired, delay)
+        sigmas = self._sigmas(values, chosen)
+        return Pairs(self.strips, chosen, speed, sigmas, paired, nearest, delay)
 
     def _cut(self, values: FloatArray, points: FloatArray) -> BoolArray:
         """Which strips (n,) at `points` (n, 3) m the border of the picture cuts.
@@ -207,19 +220,23 @@ class CameraProblem:
         noise = gates[-1] / _GATE_SIGMAS
         used = np.zeros(0, dtype=bool)
         for _ in range(3 * _ROUNDS):
-            pairs = self.pair(values)
-            off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
-            used = pairs.paired & (off < _GATE_SIGMAS * noise)
+            pairs, used = self.chosen(values, noise)
             free = self._known(used)
             values = self._solve(values, pairs, used / noise, free, 4)
-            noise = self._noise(values, pairs, used, free) if used.any() else noise
+            noise = self.noise(values, pairs, used, free) if used.any() else noise
         # What a camera without pairs enough went through on the way is worth nothing.
         fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(CAMERAS))]
         for number, enough in enumerate(fitted):
             if not enough:
-                row_of(values, number)[:] = row_of(self._mean, number)
+                row_of(values, number)[:] = row_of(self.mean, number)
         used &= np.array(fitted)[self.strips.cameras]
         return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
+
+    def chosen(self, values: FloatArray, noise: float) -> tuple[Pairs, BoolArray]:
+        """The pairs by `values`, and which of them (n,) are right, by a noise that they have."""
+        pairs = self.pair(values)
+        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        return pairs, pairs.paired & (off < _GATE_SIGMAS * noise)
 
     def _known(self, paired: BoolArray) -> BoolArray:
         """Which values to fit: those of cameras with pairs enough."""
@@ -236,7 +253,8 @@ class CameraProblem:
         inside = pairs.paired & (off < gate)
         return np.where(inside, 1.0 / np.sqrt(1.0 + (off / soft) ** 2), 0.0) / soft
 
-    def _noise(self, values: FloatArray, pairs: Pairs, used: BoolArray, free: BoolArray) -> float:
+    def noise(self, values: FloatArray, pairs: Pairs, used: BoolArray, free: BoolArray) -> float:
+        """Of the pairs `used` (n,), in units of their sigmas; free (23,): values fitted to them."""
         off = np.hypot(*errors(values, pairs)[used].T) / pairs.sigmas[used]
         # Each value fitted takes a little of the noise with it.
         left = max(2.0 * len(off) - np.count_nonzero(free), 0.5 * len(off)) / (2.0 * len(off))
@@ -248,7 +266,7 @@ class CameraProblem:
         """Values that draw the pairs where they were seen; weights (n,): roots of theirs."""
         chosen = weights > 0.0
         scale = np.repeat((weights / pairs.sigmas)[chosen], 2)
-        prior = np.diag(1.0 / self._spread)[free][:, free]
+        prior = np.diag(1.0 / self.spread)[free][:, free]
 
         def whole(part: FloatArray) -> FloatArray:
             values = start.copy()
@@ -258,7 +276,7 @@ class CameraProblem:
         def misses(part: FloatArray) -> FloatArray:
             values = whole(part)
             drawn = errors(values, pairs)[chosen].ravel() * scale
-            return np.concatenate((drawn, ((values - self._mean) / self._spread)[free]))
+            return np.concatenate((drawn, ((values - self.mean) / self.spread)[free]))
 
         def jacobian(part: FloatArray) -> FloatArray:
             rows = slopes(whole(part), pairs)[chosen].reshape(len(scale), -1)
@@ -278,7 +296,7 @@ class CameraProblem:
         free: BoolArray,
         fitted: tuple[bool, bool],
     ) -> CameraFit:
-        covariance = np.diag(np.where(self._free, self._spread, 0.0) ** 2)
+        covariance = np.diag(np.where(self._free, self.spread, 0.0) ** 2)
         miss = errors(values, pairs)
         if used.any() and free.any():
             covariance = covariance_of(covariance, values, pairs, used, noise, free)

@@ -8,7 +8,7 @@ import numpy as np
 
 from host.calibration.camera.pairs import CAMERAS, Strips
 from host.config import Camera, Cameras
-from host.messages import BoolArray, FloatArray
+from host.messages import BoolArray, FloatArray, IntArray
 from host.perception.lens import equidistant_radius, mounting_rotation
 
 NAMES = (
@@ -27,7 +27,8 @@ class Pairs:
 
     points (n, 3) m: the strips' true middles in the robot frame, for the delay `delay` (s), and
     velocities (n, 3) m/s there. sigmas (n,) px: what noise of one pixel and that of the reference
-    make. paired (n,): False where no teammate was near. Rest as in `Strips`.
+    make. paired (n,): False where no teammate was near; mates (n,): which of the reference's it
+    is. Rest as in `Strips`.
     """
 
     strips: Strips
@@ -35,6 +36,7 @@ class Pairs:
     velocities: FloatArray
     sigmas: FloatArray
     paired: BoolArray
+    mates: IntArray
     delay: float
 
     def at(self, delay: float) -> FloatArray:

@@ -6,14 +6,14 @@ import numpy as np
 
 from host.calibration.camera.model import NAMES, Pairs, errors, row_of, slopes, upward
 from host.calibration.camera.pairs import CAMERAS
-from host.calibration.robust.statistics import bent_factor, block_sums, blocks_of, sandwich
+from host.calibration.robust.statistics import bent_factor, correlation_factor, sandwich
 from host.messages import BoolArray, FloatArray
 
 # Std of what repeating does not show: by how much strips are found too low or too high, all of them
 # (less than 0.1 px in rendered pictures); which instant of an exposure is the picture's; how high
 # strips sit.
-_LOW_PX, _STAMP_S, _STRIP_M = 0.1, 1e-4, 5e-4
-_BLOCK_S = 2.0  # errors nearer in time are not independent
+LOW_PX, _STAMP_S, _STRIP_M = 0.1, 1e-4, 5e-4
+BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
 def covariance_of(
@@ -38,15 +38,14 @@ def covariance_of(
     middle = scatter_of(pairs.strips.times[used], gains, inverse) + held
     # What is wrong alike in all pictures moves the fit as a whole.
     up = upward(values, pairs)[used]
-    pulled = _LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up / scale[:, None])
+    pulled = LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up / scale[:, None])
     covariance = prior.copy()
     covariance[np.ix_(free, free)] = sandwich(inverse, middle) + np.outer(pulled, pulled)
-    covariance[-1, -1] += _STAMP_S**2
-    return np.asarray(covariance + _of_the_strip(values, free))
+    return np.asarray(covariance + unseen(values, free))
 
 
-def _of_the_strip(values: FloatArray, free: BoolArray) -> FloatArray:
-    """What of the covariance (23, 23) is for where a strip's middle truly is.
+def unseen(values: FloatArray, free: BoolArray) -> FloatArray:
+    """What of the covariance (23, 23) is for where a strip's middle truly is, and for the stamps.
 
     If it is higher, a camera is; if it is farther away, a camera is farther back.
     """
@@ -57,7 +56,9 @@ def _of_the_strip(values: FloatArray, free: BoolArray) -> FloatArray:
         moved[at[:2], 2 * number] = math.cos(heading), math.sin(heading)
         moved[at[2], 2 * number + 1] = 1.0
     moved[~free] = 0.0
-    return np.asarray(_STRIP_M**2 * moved @ moved.T)
+    found = _STRIP_M**2 * moved @ moved.T
+    found[-1, -1] += _STAMP_S**2
+    return np.asarray(found)
 
 
 def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
@@ -67,8 +68,5 @@ def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> Flo
     pair, times the factor by which sums over blocks of time scatter more: a drive has too few
     blocks for their scatter value by value.
     """
-    sums = block_sums(gains, blocks_of(times - times[0], _BLOCK_S))
-    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
-    alone = np.einsum("ni,ij,nj->", gains, inverse, gains)
-    factor = max(1.0, float(together) / max(float(alone), 1e-12))
+    factor = correlation_factor(times, gains, inverse, BLOCK_S)
     return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

@@ -6,6 +6,7 @@ best of these, mounting and delay are fitted together.
 """
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,14 @@ from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.coverage import missing_rotations, tracks_so_far
 from host.calibration.gathered import Gathered, Tracks
 from host.calibration.lidar.pictures import pictures
-from host.calibration.lidar.search import NEAR_M, Turrets, find_turrets, fit_at, nearest, truths_at
+from host.calibration.lidar.search import (
+    NEAR_M,
+    Turrets,
+    find_turrets,
+    fit_at,
+    places_of,
+    recognised,
+)
 from host.calibration.lidar.verdict import (
     STEP_S,
     Outcome,
@@ -41,6 +49,7 @@ _LEAST_ROTATION = math.pi
 # Std of what repeating does not show: where within a step of 1/64 deg the lidar's angles begin;
 # when in the time of a byte it is stamped.
 _ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 7.8e-5 / math.sqrt(12.0)
+UNSEEN = np.diag([0.0, 0.0, _ANGLE_STEP, _BYTE_S, 0.0]) ** 2
 # Of each row: place among the fitted values, key, name, unit and limit.
 _ROWS = (
     (2, "lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1)),
@@ -76,7 +85,7 @@ def calibrate(gathered: Gathered) -> Calibration:
     used = int(np.count_nonzero(outcome.used))
     return Calibration(
         kind="lidar",
-        fitted=_rows(configured, joint.values, covariance, halves),
+        fitted=value_rows(configured, joint.values, covariance, halves),
         checks=(
             *verdict(outcome),
             stamps_check([gathered.frame_times]),
@@ -112,9 +121,7 @@ def _search(seen: Turrets, tracks: Tracks) -> tuple[DelayCurve, FloatArray]:
 def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[JointFit, IntArray]:
     """The joint fit, and who each candidate is (n,): a teammate's identity, or -1."""
     for _ in range(_PAIRING_ROUNDS):
-        truths = truths_at(tracks, seen.times - values[3])
-        index, distance = nearest(to_parent(seen.points, values[:3]), truths)
-        who = np.where(distance < NEAR_M, tracks.identities[index], -1)
+        who = recognised(seen, tracks, values)
         joint = _fit(seen, tracks, values, who)
         values = joint.values
     return joint, who
@@ -122,14 +129,7 @@ def _fit_pairs(seen: Turrets, tracks: Tracks, values: FloatArray) -> tuple[Joint
 
 def _fit(seen: Turrets, tracks: Tracks, start: FloatArray, who: IntArray) -> JointFit:
     """The joint fit of candidates (n,) that are the teammates `who` (n,); -1 has no truth."""
-    members = {int(n): np.flatnonzero(who == n) for n in tracks.identities}
-
-    def truth(times: FloatArray) -> FloatArray:
-        found = np.full((len(times), 2), math.nan)
-        for identity, member in members.items():
-            found[member] = tracks.relative(identity, times[member])
-        return found
-
+    truth = partial(places_of, tracks, who)
     return fit_jointly(seen.points, seen.times, seen.sigmas, truth, start)
 
 
@@ -157,11 +157,8 @@ def _outcome(
     used = joint.weights > 0.0
     placed = to_parent(seen.points, joint.values[:3])
     # As configured, a reading belongs to another time, at which its teammate was elsewhere.
-    before = np.full_like(joint.errors, math.nan)
-    for identity in tracks.identities.tolist():
-        member = np.flatnonzero(who == identity)
-        then = tracks.relative(identity, seen.times[member] - configured[3])
-        before[member] = to_parent(seen.points[member], configured[:3]) - then
+    then = places_of(tracks, who, seen.times - configured[3])
+    before = to_parent(seen.points, configured[:3]) - then
     squares = float(np.mean(np.sum(joint.errors[used] ** 2, axis=1)))
     # As if errors were alike for seconds: one independent sighting for each three seconds.
     blocks = max((seen.times[-1] - seen.times[0]) / CORRELATED_S, 1.0)
@@ -197,19 +194,19 @@ def _complete(covariance: FloatArray, values: FloatArray, gathered: Gathered) ->
     slopes = np.zeros((5, 3))
     slopes[:3] = by_base(values[:2], np.array([config.mocap.x_m, config.mocap.y_m]))
     wider = covariance + carried(slopes, gathered.chain.covariance(config, BODY))
-    wider[2, 2] += _ANGLE_STEP**2
-    wider[3, 3] += gathered.truth_time_sigma**2 + _BYTE_S**2
-    return np.asarray(wider)
+    wider[3, 3] += gathered.truth_time_sigma**2
+    return np.asarray(wider + UNSEEN)
 
 
-def _rows(
+def value_rows(
     configured: FloatArray, values: FloatArray, covariance: FloatArray, halves: list[FloatArray]
 ) -> tuple[Fitted, ...]:
+    """Rows of a report for the values (5,) and their covariance (5, 5); halves: none, or two."""
     whole = np.array([0.0, 0.0, values[2] - float(wrap(values[2])), 0.0, 0.0])  # circles
     values, halves = values - whole, [half - whole for half in halves]
     rows = []
     for k, key, name, unit, limit in _ROWS:
-        pair = (float(halves[0][k]), float(halves[1][k]))
+        pair = tuple(float(half[k]) for half in halves)
         rows.append(
             Fitted(
                 key=key,
@@ -219,7 +216,7 @@ def _rows(
                 limit=limit,
                 unbounded="" if limit else _WHY_UNBOUNDED,
                 before=float(configured[k]) if key else None,
-                halves=pair if all(map(math.isfinite, pair)) else None,
+                halves=(pair[0], pair[1]) if pair and all(map(math.isfinite, pair)) else None,
                 unit=unit,
             )
         )

@@ -4,6 +4,7 @@ Who is who is not known, and the lidar may be rotated by any angle: all angles a
 many turrets come to lie near a teammate, and the best are fitted to the nearest teammate.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,23 @@ def nearest(placed: FloatArray, truths: FloatArray) -> tuple[IntArray, FloatArra
     distance = np.hypot(*np.moveaxis(placed[:, None] - truths, -1, 0))
     who = np.argmin(distance, axis=1)
     return who, distance[np.arange(len(who)), who]
+
+
+def recognised(seen: Turrets, tracks: Tracks, values: FloatArray) -> IntArray:
+    """Who (n,) each candidate is, by a mounting and delay (4 or more,): an identity, or -1."""
+    index, distance = nearest(
+        to_parent(seen.points, values[:3]), truths_at(tracks, seen.times - values[3])
+    )
+    return np.where(distance < NEAR_M, tracks.identities[index], -1)
+
+
+def places_of(tracks: Tracks, who: IntArray, times: FloatArray) -> FloatArray:
+    """Positions (n, 2) in the robot frame of the teammates `who` (n,), each at its own time."""
+    found = np.full((len(times), 2), math.nan)
+    for identity in tracks.identities.tolist():
+        member = who == identity
+        found[member] = tracks.relative(identity, times[member])
+    return found
 
 
 def fit_at(delay: float, seen: Turrets, tracks: Tracks) -> tuple[FloatArray, float]:

@@ -47,6 +47,20 @@ def bent_factor(count: float, fitted: float) -> float:
     return count / max(count - fitted, 1.0)
 
 
+def correlation_factor(
+    times: FloatArray, scores: FloatArray, inverse: FloatArray, seconds: float
+) -> float:
+    """By how much, 1 or more, sums over blocks of `seconds` scatter more than independent scores.
+
+    scores (n, p): of readings at `times` (n,) s; inverse (p, p): of their information. One number
+    for all p values: a drive has too few blocks for a number of each.
+    """
+    sums = block_sums(scores, blocks_of(times - times[0], seconds))
+    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
+    alone = np.einsum("ni,ij,nj->", scores, inverse, scores)
+    return max(1.0, float(together) / max(float(alone), 1e-12))
+
+
 def sandwich(bread: FloatArray, middle: FloatArray) -> FloatArray:
     """Covariance (p, p) of a fit whose scores scatter otherwise than its model says.
 

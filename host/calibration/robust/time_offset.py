@@ -108,7 +108,7 @@ def fit_jointly(
     """
     values = np.array(start, dtype=float)
     for _ in range(_ROUNDS):
-        errors, slopes, weights, _ = _linearise(points, times, sigmas, truth, values)
+        errors, slopes, weights, _ = linearise(points, times, sigmas, truth, values)
         strength = weights / sigmas**2
         normal = np.einsum("n,nai,naj->ij", strength, slopes, slopes)
         gradient = np.einsum("n,nai,na->i", strength, slopes, errors)
@@ -118,13 +118,13 @@ def fit_jointly(
         values = values - step / size
         if np.abs(step / size).max() < _SETTLED:
             break
-    errors, slopes, weights, bends = _linearise(points, times, sigmas, truth, values)
+    errors, slopes, weights, bends = linearise(points, times, sigmas, truth, values)
     covariance = _sandwich(errors, slopes, weights, bends, sigmas, times)
     placed = to_parent(points, values[:3])
     return JointFit(values, covariance, placed - truth(times - values[3]), weights)
 
 
-def _linearise(
+def linearise(
     points: FloatArray,
     times: FloatArray,
     sigmas: FloatArray,

@@ -39,7 +39,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     wheels, mocap: as configured. Raises UserError where nothing moved, or the wheels do not count
     as the body moves; whatever else keeps the fit from being used is a failed check.
     """
-    drives, absurd = _counted(_usable(drives))
+    drives, absurd = _counted(usable(drives))
     for drive in drives:
         body = {mocap.body: (drive.truth_times, drive.truth)}
         check_identity(drive.times, drive.ticks, body, wheels, mocap)
@@ -88,7 +88,8 @@ def _counted(drives: list[Drive]) -> tuple[list[Drive], list[str]]:
     return [drive for drive, _ in parts], words if count else []
 
 
-def _usable(drives: Sequence[Drive]) -> list[Drive]:
+def usable(drives: Sequence[Drive]) -> list[Drive]:
+    """Those that are longer than a window of the fit."""
     return [drive for drive in drives if drive.span[1] - drive.span[0] > WINDOW_S]
 
 
@@ -134,7 +135,7 @@ def _halves(
     firsts = [drive.part(-math.inf, m) for drive, m in zip(drives, middles, strict=True)]
     lasts = [drive.part(m, math.inf) for drive, m in zip(drives, middles, strict=True)]
     values = []
-    for parts in (_usable(firsts), _usable(lasts)):
+    for parts in (usable(firsts), usable(lasts)):
         driven = coverage(parts, wheels.track_m)
         if min(driven.left_rad, driven.right_rad) < LEAST_TURN_RAD:
             return None

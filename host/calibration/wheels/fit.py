@@ -55,8 +55,8 @@ _Loss = Literal["linear", "soft_l1"]
 class Fit:
     """Values (v,) as in `model.values_of`, their covariance (v, v), and the rest.
 
-    counts: ticks per revolution of a wheel. residuals (w, 3) of `windows` as in `misses`.
-    used (w,): the windows that the fit rests upon.
+    counts: ticks per revolution of a wheel. residuals (w, 3) of `windows` as in `misses`, and
+    their standard deviations, sigmas (w, 3). used (w,): the windows that the fit rests upon.
     """
 
     counts: int
@@ -64,6 +64,7 @@ class Fit:
     covariance: FloatArray
     windows: Windows
     residuals: FloatArray
+    sigmas: FloatArray
     used: BoolArray
 
 
@@ -124,7 +125,7 @@ def fit(
     used = windows.moving
     if np.count_nonzero(used) < 2:
         return None
-    problem = _Problem(drives, counts, windows, configured)
+    problem = WheelProblem(drives, counts, windows, configured)
     x, y, rotation = windows.moved.T
     exposure = np.stack((np.ones(len(windows)), np.hypot(x, y), np.abs(rotation)), axis=1)
     values, sigmas = start, np.tile(_ROUGH, (len(windows), 1))
@@ -136,7 +137,7 @@ def fit(
     values = problem.solve(values, sigmas, used, "linear")
     wrong = misses(drives, counts, values, windows)
     covariance = problem.covariance(values, wrong, sigmas, used)
-    return Fit(counts, values, covariance, windows, wrong, used)
+    return Fit(counts, values, covariance, windows, wrong, sigmas, used)
 
 
 def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatArray:
@@ -157,8 +158,11 @@ def _spread(wrong: FloatArray, exposure: FloatArray, used: BoolArray) -> FloatAr
     return sigmas
 
 
-class _Problem:
-    """Least squares over windows, with a weak hold on what is configured."""
+class WheelProblem:
+    """Least squares over windows, with a weak hold on what is configured.
+
+    held (v,): the information of that hold.
+    """
 
     def __init__(
         self, drives: Sequence[Drive], counts: int, windows: Windows, configured: FloatArray
@@ -169,6 +173,7 @@ class _Problem:
         lags = np.ones(2 * len(drives))
         self._steps = np.concatenate((_STEPS * unit, _LAG_STEP_S * lags))
         self._prior = np.concatenate((_PRIOR * unit, _LAG_PRIOR_S * lags))
+        self.held = self._prior**-2.0
 
     def solve(
         self, start: FloatArray, sigmas: FloatArray, used: BoolArray, loss: _Loss
@@ -199,6 +204,14 @@ class _Problem:
         self, values: FloatArray, wrong: FloatArray, sigmas: FloatArray, used: BoolArray
     ) -> FloatArray:
         """Covariance (v, v) where the errors of neighbouring windows are correlated."""
+        slopes = self.slopes(values, sigmas, used)
+        middle = self.scatter(slopes, wrong / sigmas)
+        held = np.diag(self.held)
+        bread = np.linalg.inv(OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
+        return sandwich(bread, OWN**2 * middle + held)
+
+    def slopes(self, values: FloatArray, sigmas: FloatArray, used: BoolArray) -> FloatArray:
+        """Derivatives (w, 3, v) of the windows' misses over their sigmas; 0 of unused ones."""
         slopes = np.zeros((len(used), 3, len(values)))
         for k in range(len(values)):
             step = np.zeros(len(values))
@@ -208,14 +221,16 @@ class _Problem:
             slopes[:, :, k] = (above - below) / (2.0 * step[k])
         slopes /= sigmas[:, :, None]
         slopes[~used] = 0.0
-        scores = np.einsum("wij,wi->wj", slopes, wrong / sigmas)
+        return slopes
+
+    def scatter(self, slopes: FloatArray, wrong: FloatArray) -> FloatArray:
+        """How sums of the scores of all windows scatter, (v, v). wrong (w, 3): over sigmas."""
+        scores = np.einsum("wij,wi->wj", slopes, wrong)
         middle = newey_west(scores, round(_REACH_S / STRIDE_S), self._windows.drives)
         # The weights lose a little of the scatter, too.
-        independent = np.count_nonzero(used) * STRIDE_S / _CORRELATION_TIME_S
-        middle *= _BARTLETT_LOSS * bent_factor(independent, len(values))
-        held = np.diag(self._prior**-2.0)
-        bread = np.linalg.inv(OWN * np.einsum("wij,wik->jk", slopes, slopes) + held)
-        return sandwich(bread, OWN**2 * middle + held)
+        used = np.count_nonzero(scores.any(axis=1))
+        independent = used * STRIDE_S / _CORRELATION_TIME_S
+        return np.asarray(middle * _BARTLETT_LOSS * bent_factor(independent, scores.shape[1]))
 
 
 def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:

@@ -242,7 +242,14 @@ def warnings(driven: Coverage) -> list[str]:
 
 
 def with_other_paths(found: Fit, driven: Coverage) -> Fit:
-    """The fit with a covariance that holds for other kinds of paths as well.
+    """The fit with a covariance that holds for other kinds of paths as well."""
+    covariance = found.covariance.copy()
+    covariance[GEOMETRY, GEOMETRY] += other_paths(found.values, driven)
+    return dataclasses.replace(found, covariance=covariance)
+
+
+def other_paths(values: FloatArray, driven: Coverage) -> FloatArray:
+    """What of the covariance (3, 3) of radii and track is for other kinds of paths.
 
     Radii and track are effective values, of tyres that are pressed and scrub: on recorded sessions
     of one robot (free paths, circles, squares) tracks lay up to 0.5 % apart, several times what one
@@ -250,9 +257,7 @@ def with_other_paths(found: Fit, driven: Coverage) -> Fit:
     """
     alike = 1.0 - min(driven.spread / _LEAST_SPREAD, 1.0)
     shares = np.array([_RADIUS_VARIES, _RADIUS_VARIES, _TRACK_VARIES * (1.0 + _ALIKE * alike)])
-    covariance = found.covariance.copy()
-    covariance[GEOMETRY, GEOMETRY] += np.diag((shares * found.values[GEOMETRY]) ** 2)
-    return dataclasses.replace(found, covariance=covariance)
+    return np.diag((shares * values[GEOMETRY]) ** 2)
 
 
 def residuals(found: Fit) -> str:

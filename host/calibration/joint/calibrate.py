@@ -1,0 +1,94 @@
+"""Wheels, tracked body, lidar, cameras and their delays together, with what they share.
+
+Lidar and cameras look at the same turrets, which motion capture has at the pivots of the teammates'
+bodies. A pivot that is not above its turret moves both sensors' mountings, and neither fit by
+itself looks for it. Here each turret has a place of its own in the frame of its body.
+"""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from host.calibration.camera.model import NAMES
+from host.calibration.camera.pairs import CAMERAS
+from host.calibration.camera.uncertainty import unseen
+from host.calibration.chain import LIDAR
+from host.calibration.gathered import Gathered
+from host.calibration.joint.fit import solve
+from host.calibration.joint.problem import Problem, problem_of
+from host.calibration.joint.rows import rows_of
+from host.calibration.joint.verdict import moved, pictures, verdict
+from host.calibration.lidar.calibrate import UNSEEN
+from host.calibration.result import Calibration
+from host.calibration.wheels.model import LAGS
+from host.calibration.wheels.verdict import KEYS, coverage, other_paths
+from host.messages import FloatArray
+
+SENSORS = ("wheels", "lidar", "camera")
+
+
+def calibrate(gathered: Gathered, sensors: Collection[str] = SENSORS) -> Calibration:
+    """Refine what the fits of `sensors` have written, all of it together.
+
+    The configuration is theirs: there this fit begins. Raises UserError where there is no motion
+    capture of this robot and a teammate, or a sensor has no readings that fit what is configured.
+    """
+    problem = problem_of(gathered, sensors)
+    solution = solve(list(problem.sensors.values()), problem.prior, problem.start)
+    covariance = complete(solution.covariance, solution.values, problem, gathered)
+    rows = rows_of(problem, solution.values, covariance, gathered.config)
+    places = keys_of(problem)
+    at = list(places.values())
+    fitted = problem.cameras.fitted if problem.cameras else ()
+    return Calibration(
+        kind="joint",
+        fitted=rows,
+        checks=verdict(problem, solution),
+        residuals=f"{', '.join(problem.sensors)} together, turrets beside their bodies' pivots",
+        warnings=moved(rows, gathered),
+        pictures=pictures(problem, solution, covariance),
+        joint=(tuple(places), covariance[np.ix_(at, at)]),
+        settings={
+            f"camera.{name}.lens": "equidistant"
+            for name, enough in zip(CAMERAS, fitted, strict=False)
+            if enough
+        },
+        figures={"sensors": list(problem.sensors), "last_step_sigmas": solution.last_step},
+    )
+
+
+def keys_of(problem: Problem) -> dict[str, int]:
+    """Keys of robot.toml that are fitted, and where each is among the unknowns."""
+    lidar, cameras = problem.unknowns.lidar.start, problem.unknowns.cameras
+    places = {key: k for k, key in enumerate(KEYS)}
+    places |= {key: lidar + k for k, key in enumerate((*LIDAR, "lidar.delay_s"))}
+    places |= {
+        f"camera.{camera}.{name}": cameras.start + len(NAMES) * number + k
+        for number, camera in enumerate(CAMERAS)
+        for k, name in enumerate(NAMES)
+    }
+    places["camera.delay_s"] = cameras.stop - 1
+    return {key: place for key, place in places.items() if problem.prior.free[place]}
+
+
+def complete(
+    covariance: FloatArray, values: FloatArray, problem: Problem, gathered: Gathered
+) -> FloatArray:
+    """The covariance (p, p) with what repeating this drive does not show, as in the single fits.
+
+    When the truth was stamped is common to all delays.
+    """
+    unknowns, wider = problem.unknowns, covariance.copy()
+    late = np.zeros(len(unknowns))
+    if problem.wheels is not None:
+        driven = coverage(problem.drives, gathered.config.wheels.track_m)
+        wider[:3, :3] += other_paths(values, driven)
+        late[unknowns.wheels][LAGS] = 1.0
+    if "lidar" in problem.sensors:
+        wider[unknowns.lidar, unknowns.lidar] += UNSEEN
+        late[unknowns.lidar][3] = 1.0
+    if problem.cameras is not None:
+        part = unknowns.cameras
+        wider[part, part] += unseen(values[part], problem.prior.free[part])
+        late[part][-1] = 1.0
+    return np.asarray(wider + gathered.truth_time_sigma**2 * np.outer(late, late))
