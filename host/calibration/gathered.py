@@ -56,7 +56,9 @@ class Tracks:
             )
         self._body = mocap.body
         self._mount(np.array([mocap.x_m, mocap.y_m, mocap.heading_rad]))
-        self.turrets: Mapping[int, FloatArray] = {}
+        self.turrets: Mapping[int, FloatArray] = {
+            turret.body: np.array([turret.x_m, turret.y_m]) for turret in mocap.turrets
+        }
         self.identities: IntArray = np.array([n for n in self.bodies if n != mocap.body], dtype=int)
 
     def _mount(self, pose: FloatArray) -> None:

@@ -3,9 +3,9 @@
 import math
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from host.config.section import Section, Text, registered
+from host.config.section import Section, Text, listed, registered
 from host.registry import LIDARS
 
 
@@ -14,13 +14,6 @@ class BlindSector(Section):
 
     centre_rad: float = Field(ge=-math.pi, le=math.pi)
     width_rad: float = Field(gt=0.0, lt=math.pi)
-
-
-# TOML has lists; the configuration, which does not change, has tuples.
-BlindSectors = Annotated[
-    tuple[BlindSector, ...],
-    BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value),
-]
 
 
 _LEAST_VIEW_RAD = 0.05
@@ -65,7 +58,7 @@ class Lidar(Section):
     half_range_m: float = Field(3.2, gt=0.1, lt=1000.0)  # where it has fallen to one half
     range_steepness_per_m: float = Field(6.0, gt=0.0, lt=100.0)
     clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections per revolution
-    blind_sectors: BlindSectors = Field(default_factory=_pillars)
+    blind_sectors: Annotated[tuple[BlindSector, ...], listed] = Field(default_factory=_pillars)
 
     @model_validator(mode="after")
     def _ranges_and_a_view(self) -> Self:

@@ -2,12 +2,12 @@
 
 import ipaddress
 import math
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from host.config.cameras import Camera
-from host.config.section import Section, Text
+from host.config.section import Section, Text, listed
 
 
 class NatNet(Section):
@@ -72,12 +72,20 @@ class Ceiling(Section):
         return self
 
 
+class Turret(Section):
+    """Where the middle of a teammate's turret is in the frame of its tracked body, `body`."""
+
+    body: int = Field(ge=0, le=2**31 - 1)
+    x_m: float = Field(gt=-0.5, lt=0.5)
+    y_m: float = Field(gt=-0.5, lt=0.5)
+
+
 class Mocap(Section):
     """Motion capture: the truth for calibration and evaluation, never for the estimate.
 
     body: the number of this robot's own body (streaming id, tag); x_m, y_m, heading_rad: where
     that body's origin and x-axis are in the robot frame. Other bodies are teammates, with their
-    origins above the middle of their turrets.
+    origins above the middle of their turrets, or where `turrets` say.
     """
 
     source: Literal["none", "natnet", "ceiling"] = "none"
@@ -85,5 +93,16 @@ class Mocap(Section):
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
+    turrets: Annotated[tuple[Turret, ...], listed] = ()
     natnet: NatNet = NatNet()
     ceiling: Ceiling = Ceiling()
+
+    @model_validator(mode="after")
+    def _each_turret_once(self) -> Self:
+        numbers = [turret.body for turret in self.turrets]
+        if len(set(numbers)) < len(numbers) or self.body in numbers:
+            raise ValueError(
+                f"[[mocap.turrets]] has bodies {', '.join(map(str, numbers))}: each is another "
+                f"teammate's, and {self.body} is this robot"
+            )
+        return self

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from host.config.errors import NOT_REGISTERED
@@ -18,6 +18,8 @@ def _printable(text: str) -> str:
     return text
 
 
+# TOML has lists; the configuration, which does not change, has tuples.
+listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
 
 

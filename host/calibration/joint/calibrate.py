@@ -6,6 +6,7 @@ itself looks for it. Here each turret has a place of its own in the frame of its
 """
 
 from collections.abc import Collection
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,10 +25,12 @@ from host.calibration.wheels.model import LAGS
 from host.calibration.wheels.verdict import KEYS, coverage, other_paths
 from host.messages import FloatArray
 
-SENSORS = ("wheels", "lidar", "camera")
+SensorName = Literal["wheels", "lidar", "camera"]
+SENSORS: tuple[SensorName, ...] = ("wheels", "lidar", "camera")
+_KNOWN_M = 0.003  # sigma of a turret's place that is written
 
 
-def calibrate(gathered: Gathered, sensors: Collection[str] = SENSORS) -> Calibration:
+def calibrate(gathered: Gathered, sensors: Collection[SensorName] = SENSORS) -> Calibration:
     """Refine what the fits of `sensors` have written, all of it together.
 
     The configuration is theirs: there this fit begins. Raises UserError where there is no motion
@@ -39,7 +42,6 @@ def calibrate(gathered: Gathered, sensors: Collection[str] = SENSORS) -> Calibra
     rows = rows_of(problem, solution.values, covariance, gathered.config)
     places = keys_of(problem)
     at = list(places.values())
-    fitted = problem.cameras.fitted if problem.cameras else ()
     return Calibration(
         kind="joint",
         fitted=rows,
@@ -48,11 +50,7 @@ def calibrate(gathered: Gathered, sensors: Collection[str] = SENSORS) -> Calibra
         warnings=moved(rows, gathered),
         pictures=pictures(problem, solution, covariance),
         joint=(tuple(places), covariance[np.ix_(at, at)]),
-        settings={
-            f"camera.{name}.lens": "equidistant"
-            for name, enough in zip(CAMERAS, fitted, strict=False)
-            if enough
-        },
+        settings=settings_of(problem, solution.values, covariance),
         figures={"sensors": list(problem.sensors), "last_step_sigmas": solution.last_step},
     )
 
@@ -69,6 +67,25 @@ def keys_of(problem: Problem) -> dict[str, int]:
     }
     places["camera.delay_s"] = cameras.stop - 1
     return {key: place for key, place in places.items() if problem.prior.free[place]}
+
+
+def settings_of(problem: Problem, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    """What is written besides the rows: the lenses' model, and turrets that the drive shows."""
+    fitted = problem.cameras.fitted if problem.cameras else (False, False)
+    lenses = {
+        f"camera.{name}.lens": "equidistant"
+        for name, enough in zip(CAMERAS, fitted, strict=True)
+        if enough
+    }
+    part = problem.unknowns.turrets
+    places = values[part].reshape(-1, 2).tolist()
+    sigmas = np.sqrt(np.diag(covariance)[part]).reshape(-1, 2).max(axis=1)
+    turrets = [
+        {"body": body, "x_m": x, "y_m": y}
+        for body, (x, y), sigma in zip(problem.unknowns.teammates, places, sigmas, strict=True)
+        if sigma <= _KNOWN_M
+    ]
+    return {**lenses, "mocap.turrets": turrets}
 
 
 def complete(

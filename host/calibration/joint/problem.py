@@ -85,6 +85,10 @@ def _without_sensors(gathered: Gathered, unknowns: Unknowns, drives: list[Drive]
         information[BODY, BODY] = np.linalg.inv(body)
         free[BODY] = True
     prior = Prior(configured.copy(), information, free)
+    # Where earlier fits have found turrets; the hold on them is to their pivots.
+    known = {turret.body: (turret.x_m, turret.y_m) for turret in config.mocap.turrets}
+    places = [known.get(body, (0.0, 0.0)) for body in unknowns.teammates]
+    configured[unknowns.turrets] = np.ravel(places)
     return Problem(unknowns, prior, configured, configured.copy(), drives, {})
 
 

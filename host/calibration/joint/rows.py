@@ -13,7 +13,7 @@ from host.calibration.wheels.verdict import value_rows as wheel_rows
 from host.config import RobotConfig
 from host.messages import FloatArray
 
-_SHOWN = "not written: set the body's pivot above its turret in the tracker"
+_WRITTEN = "into [[mocap.turrets]], where it is known to 3 mm"
 
 
 def rows_of(
@@ -52,8 +52,8 @@ def _turret_rows(problem: Problem, values: FloatArray, covariance: FloatArray) -
             name=f"turret of body {number}, {side} of its pivot",
             value=float(values[place]),
             sigma=float(sigmas[place]),
-            unbounded=_SHOWN,
-            before=0.0,
+            unbounded=_WRITTEN,
+            before=float(problem.configured[place]),
             unit="mm",
         )
         for k, number in enumerate(problem.unknowns.teammates)

@@ -24,7 +24,7 @@ from host.calibration.wheels.fit import OWN, Fit, WheelProblem
 from host.calibration.wheels.model import Drive, misses
 from host.messages import FloatArray, IntArray
 
-_SINGULAR, _LEAST_BENT = 1e-10, 0.3
+_SINGULAR = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +97,12 @@ class LidarEvidence:
         noise = plane_sigma(np.hypot(*off[known].T) / sigmas)
         off, rows = off[known] / sigmas[:, None], rows / sigmas[:, None, None]
         weights, bends = weights[known] / noise**2, bends[known] / noise**2
-        # Far ones pull less the farther they are: on average, readings bend so much less.
-        bent = 1.0 + bends @ np.sum(off**2, axis=1) / (2.0 * weights.sum())
-        information = max(bent, _LEAST_BENT) * np.einsum("n,nai,naj->ij", weights, rows, rows)
-        scores = np.einsum("n,na,nai->ni", weights, off, rows)
-        return _correlated(times, scores, information, CORRELATED_S)
+        pulls = np.einsum("na,nai->ni", off, rows)
+        plain = np.einsum("n,nai,naj->ij", weights, rows, rows)
+        bent = plain + (pulls.T * bends) @ pulls
+        # Far from the least squares, what trust is lost by moving can outweigh what is gained.
+        information = bent if _is_convex(bent) else plain
+        return _correlated(times, weights[:, None] * pulls, information, CORRELATED_S)
 
 
 class CameraEvidence:
@@ -138,6 +139,11 @@ class CameraEvidence:
         information = np.einsum("nij,nik->jk", rows, rows)
         common = LOW_PX * np.einsum("nij,ni->j", rows, upward(own, pairs)[used] / scale[:, None])
         return _correlated(times, scores, information, BLOCK_S, common)
+
+
+def _is_convex(information: FloatArray) -> bool:
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] > -_SINGULAR)
 
 
 def _by_point(rows: FloatArray, cameras: IntArray) -> FloatArray:

@@ -6,7 +6,7 @@ of every other one.
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -41,7 +41,7 @@ def calibrate() -> None:
       swarmloc calibrate lidar drive.mcap --robot robot.toml
       swarmloc calibrate camera drive.mcap --robot robot.toml
       swarmloc calibrate detection drive.mcap --robot robot.toml
-    or all four in one command:
+    or all four in one command, and wheels, lidar and cameras once more together:
       swarmloc calibrate all drive.mcap --robot robot.toml
     """
 
@@ -223,26 +223,19 @@ Example:
 @click.argument("source")
 @fit_options("all")
 def everything(source: str, report_path: Path, json_path: Path | None, **common: Any) -> None:
-    """Fit wheels, lidar, cameras and detection to one drive.
+    """Fit wheels, lidar and cameras to one drive, then these together, then detection.
 
-    Each fit uses the results of those before it, with their covariance. The first fit that is
-    refused ends it; fits before that are written. Sensors that the drive has no data of are
+    Each fit uses the results of those before it, with their covariance. The joint fit refines all
+    that passed, and finds teammates' turrets that are not above the pivots of their tracked bodies.
+    A sensor that was refused is then tried again. Sensors that the drive has no data of are
     skipped. Each fit writes its own report: calibration-all-wheels.html, ...
     """
-    from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
+    from host.cli.calibrate.sequence import Sequence
 
     if common["robot_path"] is None:
         raise click.UsageError("name the robot.toml that each fit hands on to the next: --robot")
-    results: list[dict[str, Any]] = []
+    sequence = Sequence(source, report_path, common)
     try:
-        for kind in get_args(CalibrationKind):
-            report = report_path.with_stem(f"{report_path.stem}-{kind}")
-            fitting = Fitting(**common, report_path=report, json_path=None)
-            name, gathered = fitting.gather(source, lambda _: [], mounted=kind != "wheels")
-            if missing := lacking(kind, gathered):
-                click.echo(f"{kind}: left out, {source} has no {missing}")
-                continue
-            results.append(fitting.conclude(calibrate_gathered(kind, gathered), name))
-            click.echo()
+        sequence.run()
     finally:
-        options.write_json(json_path, results)
+        options.write_json(json_path, sequence.results)

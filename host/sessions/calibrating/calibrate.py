@@ -6,6 +6,7 @@ from typing import Literal
 from host.calibration.camera import calibrate as camera
 from host.calibration.detection import calibrate as detection
 from host.calibration.gathered import Gathered
+from host.calibration.joint import calibrate as joint
 from host.calibration.lidar import calibrate as lidar
 from host.calibration.result import Calibration
 from host.calibration.wheels import calibrate as wheels
@@ -15,7 +16,7 @@ from host.errors import UserError
 from host.sessions.calibrating.gathering import gather_source
 from host.sessions.recordings.truth_files import TruthFile
 
-CalibrationKind = Literal["wheels", "lidar", "camera", "detection"]
+CalibrationKind = Literal["wheels", "lidar", "camera", "joint", "detection"]
 
 
 def calibrate_from(
@@ -45,6 +46,8 @@ def lacking(kind: CalibrationKind, gathered: Gathered) -> str:
     """Which readings a kind of fit needs and there are none of, in words; "" where it has them."""
     if kind == "wheels":
         return "" if any(step.ticks for step in gathered.displacements) else "wheel ticks"
+    if kind == "joint":
+        return "" if _sensors(gathered) else "readings of wheels, lidar or cameras"
     if kind == "camera":
         return "" if any(b.pixels is not None for b in gathered.bearings) else "strips in pictures"
     return "" if gathered.scans else "revolutions of a lidar"
@@ -55,9 +58,18 @@ def _wheels(gathered: Gathered) -> Calibration:
     return wheels.calibrate(drives_of(gathered), config.wheels, config.mocap)
 
 
+def _sensors(gathered: Gathered) -> list[joint.SensorName]:
+    return [name for name in joint.SENSORS if not lacking(name, gathered)]
+
+
+def _joint(gathered: Gathered) -> Calibration:
+    return joint.calibrate(gathered, _sensors(gathered))
+
+
 _FITS: dict[CalibrationKind, Callable[[Gathered], Calibration]] = {
     "wheels": _wheels,
     "lidar": lidar.calibrate,
     "camera": camera.calibrate,
+    "joint": _joint,
     "detection": detection.calibrate,
 }

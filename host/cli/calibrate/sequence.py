@@ -1,0 +1,77 @@
+"""`swarmloc calibrate all`: one fit after the other, then wheels, lidar and cameras together."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from host.calibration.gathered import Gathered
+from host.calibration.joint.calibrate import SENSORS, SensorName
+from host.calibration.joint.calibrate import calibrate as fit_jointly
+from host.calibration.result import Calibration
+from host.cli.calibrate.fitting import Fitting
+from host.errors import UserError
+from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
+
+
+class Sequence:
+    """The fits to one drive, each begun with what those before it have written.
+
+    results: the figures of each, for --json.
+    """
+
+    def __init__(self, source: str, report_path: Path, common: dict[str, Any]) -> None:
+        self._source, self._report_path, self._common = source, report_path, common
+        self._passed: list[SensorName] = []
+        self._refused: dict[CalibrationKind, UserError] = {}
+        self.results: list[dict[str, Any]] = []
+
+    def run(self) -> None:
+        """All that can be fitted. Raises UserError for the first that is refused, at the end."""
+        for sensor in SENSORS:
+            self._try(sensor)
+            if "wheels" in self._refused:
+                break  # all others stand on how the tracked body lies
+        self._together()
+        if again := [sensor for sensor in SENSORS[1:] if sensor in self._refused]:
+            click.echo(f"{', '.join(again)}: again, with turrets where they were found\n")
+            for sensor in again:
+                self._try(sensor)
+            self._together()
+        if not self._refused.keys() & set(SENSORS):
+            self._try("detection")
+        for error in self._refused.values():
+            raise error
+
+    def _together(self) -> None:
+        """The fit of all that passed, where that is more than wheels."""
+        if set(self._passed) <= {"wheels"}:
+            return
+        left = [sensor for sensor in SENSORS if sensor not in self._passed]
+        if left:
+            click.echo(f"together: {', '.join(self._passed)}, without {', '.join(left)}")
+        self._try("joint")
+
+    def _try(self, kind: CalibrationKind) -> None:
+        """One fit; one that is refused is kept in mind."""
+        self._refused.pop(kind, None)
+        report = self._report_path.with_stem(f"{self._report_path.stem}-{kind}")
+        fitting = Fitting(**self._common, report_path=report, json_path=None)
+        name, gathered = fitting.gather(self._source, lambda _: [], mounted=kind != "wheels")
+        if missing := lacking(kind, gathered):
+            click.echo(f"{kind}: left out, {self._source} has no {missing}")
+            return
+        try:
+            self.results.append(fitting.conclude(self._fit(kind, gathered), name))
+        except UserError as error:
+            self._refused[kind] = error
+            click.echo(f"{kind}: {error.what}", err=True)
+        else:
+            if kind in SENSORS:
+                self._passed.append(kind)
+        click.echo()
+
+    def _fit(self, kind: CalibrationKind, gathered: Gathered) -> Calibration:
+        if kind == "joint":
+            return fit_jointly(gathered, [s for s in SENSORS if s in self._passed])
+        return calibrate_gathered(kind, gathered)

@@ -1,0 +1,104 @@
+"""Lidar and cameras together, and the teammates' turrets that both see."""
+
+import numpy as np
+import pytest
+
+from host.calibration.gathered import Gathered
+from host.calibration.joint.calibrate import calibrate
+from host.calibration.result import Calibration
+from host.config import Camera, Cameras, RobotConfig
+from host.config.mocap import Mocap, Turret
+from host.errors import UserError
+from host.geometry import to_parent
+from host.messages import Bodies, FloatArray
+from tests.calibration.camera.camera_drive import FRONT, REAR, Drive, Ground, gather
+
+PIVOTS = np.array([[0.009, -0.004], [-0.006, 0.008]])  # of bodies 2 and 3, on their robots
+
+
+def near(ground: Ground) -> Camera:
+    """A camera nearly as it truly is: what its own fit may have left."""
+    heading, tilt, roll = np.radians(ground.mount_deg) + 0.003
+    x, y, z = np.array(ground.place) + 0.002
+    return Camera(
+        lens="equidistant",
+        focal_px=ground.focal,
+        centre_x_px=ground.centre[0],
+        centre_y_px=ground.centre[1],
+        k1=ground.terms[0],
+        k2=ground.terms[1],
+        heading_rad=float(heading),
+        tilt_rad=float(tilt),
+        roll_rad=float(roll),
+        x_m=float(x),
+        y_m=float(y),
+        z_m=float(z),
+    )
+
+
+CAMERAS = Cameras(delay_s=0.15, front=near(FRONT), rear=near(REAR))
+
+
+def drive(seed: int, pivots: FloatArray = PIVOTS) -> Gathered:
+    """A drive whose motion capture has teammates' bodies at `pivots` (2, 2) on their robots."""
+    moved = gather(
+        Drive(seconds=30.0), pairs=250, wrong=0.1, seed=seed, lidar_noise_m=0.004, camera=CAMERAS
+    )
+    moved.bodies = [
+        Bodies(
+            frame.time,
+            frame.identities,
+            np.column_stack(
+                (
+                    np.concatenate((frame.poses[:1, :2], to_parent(pivots, frame.poses[1:]))),
+                    frame.poses[:, 2],
+                )
+            ),
+        )
+        for frame in moved.bodies
+    ]
+    return moved
+
+
+def turrets_of(found: Calibration) -> tuple[FloatArray, FloatArray]:
+    rows = [row for row in found.fitted if row.name.startswith("turret of body")]
+    return np.array([row.value for row in rows]), np.array([row.sigma for row in rows])
+
+
+def test_pivots_beside_their_turrets_are_found_as_well_as_it_says() -> None:
+    squares = []
+    for seed in range(2):
+        found = calibrate(drive(seed), ["lidar", "camera"])
+        places, sigmas = turrets_of(found)
+        assert (sigmas < 0.001).all(), seed
+        squares.append(((places + PIVOTS.ravel()) / sigmas) ** 2)
+        lidar = {row.key: row for row in found.fitted}
+        for key in ("lidar.x_m", "lidar.y_m", "lidar.heading_rad", "lidar.delay_s"):
+            assert abs(lidar[key].value) < 3.5 * lidar[key].sigma, (seed, key)
+        assert not found.failures
+        written = found.new_settings()["mocap.turrets"]
+        assert [turret["body"] for turret in written] == [2, 3]
+    assert np.max(squares) < 3.5**2
+    assert np.mean(squares) < 2.0  # 8 of them: 1 ± 0.5
+
+
+def test_teammates_are_where_the_configuration_has_their_turrets() -> None:
+    gathered = drive(0)
+    turrets = tuple(Turret(body=k + 2, x_m=-x, y_m=-y) for k, (x, y) in enumerate(PIVOTS.tolist()))
+    mocap = Mocap(turrets=turrets)
+    known = Gathered(gathered.config.model_copy(update={"mocap": mocap}))
+    known.bodies = gathered.bodies
+    times = np.array([3.0, 7.0])
+    true = Drive(seconds=40.0).relative(times)
+    tracks = known.tracks()
+    for k, body in enumerate((2, 3)):
+        assert tracks.relative(body, times) == pytest.approx(true[:, k], abs=1e-4)
+        own = tracks.mounted(np.zeros(3), {}).relative(body, times)
+        assert np.hypot(*(own - true[:, k]).T) == pytest.approx(np.hypot(*PIVOTS[k]), rel=0.05)
+
+
+def test_without_a_teammate_there_is_nothing_that_sensors_share() -> None:
+    gathered = Gathered(RobotConfig())
+    gathered.bodies = [Bodies(t, np.array([1]), np.zeros((1, 3))) for t in (0.0, 1.0)]
+    with pytest.raises(UserError, match="motion capture saw no teammate"):
+        calibrate(gathered, ["lidar"])
