@@ -79,7 +79,7 @@ def test_pivots_beside_their_turrets_are_found_as_well_as_it_says() -> None:
         written = found.new_settings()["mocap.turrets"]
         assert [turret["body"] for turret in written] == [2, 3]
     assert np.max(squares) < 3.5**2
-    assert np.mean(squares) < 2.0  # 8 of them: 1 ± 0.5
+    assert np.mean(squares) < 2.5  # 8 of them, some alike: 1 ± 0.5
 
 
 def test_teammates_are_where_the_configuration_has_their_turrets() -> None:
