@@ -32,7 +32,6 @@ from host.estimator.things.thing_modes import (
     STILL,
     TEAMMATE,
     ThingModes,
-    by_motion,
 )
 from host.estimator.things.things import LABEL, PICTURED, SEEN, VARIANCE, Things
 from host.message_checks import check
@@ -81,9 +80,7 @@ class PmbFilter:
         things.rows, things.weights = self._modes.predict(things.rows, things.weights, motion)
         things.changed()
         whole = things.whole
-        survived = survival(whole[X], whole[Y], motion.interval, self._settings)
-        things.weights *= survived
-        whole[TOTAL] *= survived
+        things.scale(survival(whole[X], whole[Y], motion.interval, self._settings))
 
     def update(self, measurement: Positions | Bearings) -> None:
         """Williams 2015 thm. 2 and TOMB/P for lidar positions or camera bearings, in any order."""
@@ -97,7 +94,7 @@ class PmbFilter:
     def _update_by_lidar(self, measured: Positions) -> None:
         """Readings of things whatever they are; a miss counts by the time since the last scan."""
         settings, things = self._settings, self._things
-        whole, motions = things.whole, by_motion(things.weights)
+        whole, motions = things.whole, things.motions
         n, m = len(things), len(measured.positions)
         elapsed = min(measured.time - self._scanned, LONGEST_S)
         self._scanned = measured.time
@@ -112,7 +109,8 @@ class PmbFilter:
         birth = settings.pmb.appear_per_m2_s * elapsed
         remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
-        background = self._lidar.clutter / likeness(measured) + birth + known.sum(axis=0)
+        known_total, like_turrets = known[0] + known[1], likeness(measured)
+        background = self._lidar.clutter / like_turrets + birth + known_total
         found = self._associate(i, j, mass / (absent.take(i) * background.take(j)), n, m)
         by_reading = likelihood * (found.pairs / np.maximum(mass, 1e-300))
         total = found.missed * missing / absent + summed(by_reading, i, n)
@@ -126,14 +124,13 @@ class PmbFilter:
         teammates = things.weights[TEAMMATE].sum(axis=0)
         expected = (motions * detected).sum(axis=0)
         self._lidar.learn(teammates, expected, 1.0 - found.missed, elapsed)
-        explained = (found.pairs * whole[TOTAL].take(i)).sum()
-        explained += (found.unclaimed * known.sum(axis=0) / background).sum()
-        self._lidar.learn_clutter(m - float(explained), measured.clearance, elapsed)
         new = found.unclaimed / background
-        born = self._born(measured, noise, new * birth, new * known)
+        explained = found.pairs @ whole[TOTAL].take(i) + new @ known_total
+        self._lidar.learn_clutter(m - float(explained), measured.clearance, elapsed)
+        born = self._born(measured, noise, new * birth, like_turrets, new * known)
         things.bear(*born, measured.time, variances)
         things.merge_duplicates()
-        known_again = (known.sum(axis=0) > 0.5 * background).any()
+        known_again = (known_total > 0.5 * background).any()
         if known_again or measured.time - self._learnt >= _LEARN_S:
             self._remember_obstacles(remembered, measured.time)
 
@@ -154,22 +151,28 @@ class PmbFilter:
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
     def _born(
-        self, measured: Positions, noise: FloatArray, existence: FloatArray, known: FloatArray
+        self,
+        measured: Positions,
+        noise: FloatArray,
+        existence: FloatArray,
+        like_turrets: FloatArray,
+        known: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """A Bernoulli for each reading (m,), with the probability that it is a new thing.
 
-        known (2, m): the probability that it is an obstacle, or stands, and is remembered.
+        like_turrets (m,): as of `likeness`. known (2, m): the probability that it is an obstacle,
+        or stands, and is remembered.
 
         What does not look like a turret is rather an obstacle. That it does is no evidence for a
         teammate: what looks like one in this revolution, a post, does so in the next.
         """
         obstacle = self._settings.pmb.obstacle_share
-        teammate = (1.0 - obstacle) * likeness(measured)
+        teammate = (1.0 - obstacle) * like_turrets
         lags = 0.0 if measured.lags is None else measured.lags
         rows, weights = self._modes.born(
             measured.positions, noise, lags, existence * teammate, existence * obstacle
         )
-        weights[[OBSTACLE, PARKED]] += known
+        weights[OBSTACLE : PARKED + 1] += known
         return rows, weights
 
     def _remember_obstacles(self, remembered: FloatArray, now: float) -> None:
@@ -207,7 +210,7 @@ class PmbFilter:
         pairs = pair_bearings(things.rows, things.whole, measured, share, gate, self._ranges_to_m)
         i, j = pairs.target, pairs.reading
         likelihood = pairs.likelihood * detected.take(i)
-        teammates = by_motion(weights[TEAMMATE])
+        teammates = things.teammate_motions
         expected = detected * teammates.sum(axis=0)
         if births is None:
             # Strips beyond what is expected are of teammates that the lidar has not shown yet.
@@ -268,7 +271,7 @@ class PmbFilter:
     def _label(self) -> None:
         """Number what is reported for the first time."""
         labels = self._things.tracks[LABEL]
-        new = (self._reported(self._things.teammates()) & (labels == 0.0)).nonzero()[0]
+        new = (self._reported(self._things.teammates) & (labels == 0.0)).nonzero()[0]
         labels[new] = np.arange(self._next_label, self._next_label + len(new))
         self._next_label += len(new)
 
@@ -284,14 +287,14 @@ class PmbFilter:
 
     def estimate(self) -> Estimate:
         """The teammates that are worth a report."""
-        teammates = self._things.teammates()
+        teammates = self._things.teammates
         index = self._reported(teammates).nonzero()[0]
         teammates, tracks = teammates.take(index, 1), self._things.tracks.take(index, 1)
         places, spreads = self._world.believed()
         return Estimate(
             time=self._time,
             positions=teammates[: Y + 1].T,
-            covariances=teammates[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2),
+            covariances=teammates.take((PXX, PXY, PXY, PYY), axis=0).T.reshape(-1, 2, 2),
             weights=teammates[TOTAL],
             ages=self._time - tracks[SEEN],
             labels=tracks[LABEL].astype(np.int64),

@@ -8,16 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from host.estimator.gaussians.near_pairs import near_pairs
 from host.geometry import wrap
 from host.messages import Bearings, Displacement, FloatArray, IntArray
 
 ROWS = 6
 X, Y, PXX, PXY, PYY, WEIGHT = range(ROWS)  # m, m²; weight: expected number of targets
-
-_DENSE_PAIRS = 4096  # up to here a full distance table is faster than a KD-tree
-_NEIGHBOURS = 8  # how many each may be paired with when the tree is used
 
 
 def predict_mixture(rows: FloatArray, motion: Displacement, noise: FloatArray | float) -> None:
@@ -49,40 +46,14 @@ def gated_pairs(
     """Indices (p,), (p,) of the components and readings that may belong together.
 
     rows (ROWS, n), readings (m, 2) with (m, 2, 2). Kept is at least every pair within `gate`
-    (squared Mahalanobis distance), as the trace bounds the longest axis; where there are many
-    pairs, of the fewer (components or readings) only those with the nearest few of the others.
+    (squared Mahalanobis distance), as the trace bounds the longest axis.
     """
     n, m = rows.shape[1], len(positions)
     if not n or not m:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     noise = (covariances[:, 0, 0] + covariances[:, 1, 1]).max()
     reach = gate * (rows[PXX] + rows[PYY] + noise)
-    if n * m <= _DENSE_PAIRS:
-        dx = rows[X][:, None] - positions[:, 0]
-        dy = rows[Y][:, None] - positions[:, 1]
-        flat = (dx * dx + dy * dy < reach[:, None]).ravel().nonzero()[0]
-        i = flat // m
-        return i, flat - i * m
-    farthest = math.sqrt(float(reach.max()))
-    if n <= m:
-        i, j, distance = _neighbours(rows[: Y + 1].T, positions, farthest)
-    else:
-        j, i, distance = _neighbours(positions, rows[: Y + 1].T, farthest)
-    near = (distance * distance < reach.take(i)).nonzero()[0]
-    return i.take(near), j.take(near)
-
-
-def _neighbours(
-    points: FloatArray, others: FloatArray, reach: float
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Indices (p,), (p,) of points (n, 2) and the nearest few of others (m, 2); distances (p,).
-
-    No further apart than `reach` m.
-    """
-    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)
-    distance, other = tree.query(points, min(_NEIGHBOURS, len(others)), 0, 2, reach)
-    i, k = np.isfinite(distance).nonzero()
-    return i, np.asarray(other)[i, k], distance[i, k]
+    return near_pairs(rows[: Y + 1], reach, positions.T)
 
 
 def update_by_positions(

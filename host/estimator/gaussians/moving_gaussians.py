@@ -17,11 +17,14 @@ PXX, PXY, PYY, PXVX, PXVY, PYVX, PYVY, PVXVX, PVXVY, PVYVY = range(4, 14)
 ROWS = 14
 PLACE = [X, Y, PXX, PXY, PYY]  # the rows of `gaussian_mixture` but for the weight
 MEAN, COVARIANCE, VELOCITY = slice(0, 4), slice(4, 14), slice(2, 4)
+VELOCITY_VARIANCES = slice(PVXVX, PVYVY + 1, PVYVY - PVXVX)
 # Row and column of each distinct entry, and the entry of each row and column.
 FIRST = np.array([0, 0, 1, 0, 0, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 1, 2, 3, 2, 3, 2, 3, 3])
 ENTRY = np.array([[0, 1, 3, 4], [1, 2, 5, 6], [3, 5, 7, 8], [4, 6, 8, 9]])
-_WITH_POSITION, _WITH_VELOCITY = PXX + ENTRY[:, :2], PXX + ENTRY[:, 2:]
+# P's columns of the position and of the velocity, and below each the mean.
+_OF_POSITION = np.concatenate((PXX + ENTRY[:, :2], [[X, Y]]))
+_OF_VELOCITY = np.concatenate((PXX + ENTRY[:, 2:], [[VX, VY]]))
 
 # For P' = G P G^T: entry (a, b) of P' is the sum over entries (c, d) of G_ac G_bd + G_ad G_bc,
 # once where c = d. Each is an index into the sixteen elements of G.
@@ -70,7 +73,9 @@ def into_frame(motion: Displacement) -> FloatArray:
 
 def outer(vectors: FloatArray) -> FloatArray:
     """The distinct entries (10, ...) of v v^T, for vectors (4, ...)."""
-    return np.asarray(vectors.take(FIRST, axis=0) * vectors.take(SECOND, axis=0))
+    products = vectors.take(FIRST, axis=0)
+    products *= vectors.take(SECOND, axis=0)
+    return products
 
 
 def places_then(rows: FloatArray, lags: FloatArray | float) -> FloatArray:
@@ -82,8 +87,8 @@ def places_then(rows: FloatArray, lags: FloatArray | float) -> FloatArray:
 class Innovations:
     """What position readings say of Gaussians (ROWS, ..., p), one each.
 
-    squares (..., p): nu^T S^-1 nu. likelihood (..., p): N(nu; 0, S), 1/m². steps (12, ..., p): the
-    three vectors that `changes` is made of.
+    squares (..., p): nu^T S^-1 nu. likelihood (..., p): N(nu; 0, S), 1/m². steps (4, 3, ..., p):
+    the two columns of P H^T L with S^-1 = L L^T, and by how much the mean moves.
     """
 
     squares: FloatArray
@@ -93,8 +98,9 @@ class Innovations:
     def changes(self, chosen: IntArray) -> FloatArray:
         """By the update of those chosen (q,): (ROWS, ..., q), as `absorb` takes them."""
         steps = self.steps.take(chosen, axis=-1)
-        lost = outer(steps[4:8]) + outer(steps[8:]) - outer(steps[:4])
-        return np.concatenate((steps[:4], lost))
+        products = outer(steps)
+        lost = products[:, 0] + products[:, 1] - products[:, 2]
+        return np.concatenate((steps[:, 2], lost))
 
 
 def innovations(
@@ -104,24 +110,20 @@ def innovations(
 
     places (2, ..., p) m, noise (3, ..., p) m²: xx, xy, yy; both made `lags` s ago.
     """
-    crossed = rows.take(_WITH_POSITION, 0) - lags * rows.take(_WITH_VELOCITY, 0)  # P H^T
-    (sxx, sxy), (_, syy) = crossed[:2] - lags * crossed[2:]
+    crossed = rows.take(_OF_POSITION, axis=0) - lags * rows.take(_OF_VELOCITY, axis=0)
+    (sxx, sxy), (_, syy) = crossed[:2] - lags * crossed[2:4]
     sxx, sxy, syy = sxx + noise[0], sxy + noise[1], syy + noise[2]
-    inverse = 1.0 / (sxx * syy - sxy * sxy)
-    dx, dy = places - places_then(rows, lags)
-    ax, ay = (syy * dx - sxy * dy) * inverse, (sxx * dy - sxy * dx) * inverse  # S^-1 nu
-    squares = dx * ax + dy * ay
-    likelihood = np.exp(-0.5 * squares) * np.sqrt(inverse) * (0.5 / math.pi)
-    # With S^-1 = L L^T the covariance loses (P H^T L) (P H^T L)^T.
-    x, y = crossed[:, 0], crossed[:, 1]
-    steps = np.concatenate(
-        (
-            x * ax + y * ay,
-            x * np.sqrt(syy * inverse) - y * (sxy * np.sqrt(inverse / syy)),
-            y / np.sqrt(syy),
-        )
-    )
-    return Innovations(squares, likelihood, steps)
+    np.subtract(places, crossed[4], out=crossed[4])  # now (P H^T; nu^T)
+    slope = sxy / syy
+    of_x, of_y = 1.0 / np.sqrt(sxx - slope * sxy), 1.0 / np.sqrt(syy)
+    steps = np.empty((5, 3, *rows.shape[1:]))
+    first, second, both = steps.swapaxes(0, 1)
+    np.multiply(crossed[:, 0] - slope * crossed[:, 1], of_x, out=first)
+    np.multiply(crossed[:, 1], of_y, out=second)
+    np.add(first * first[4], second * second[4], out=both)
+    squares = both[4]  # nu^T L L^T nu
+    likelihood = np.exp(-0.5 * squares) * (of_x * of_y * (0.5 / math.pi))
+    return Innovations(squares, likelihood, steps[:4])
 
 
 def update_along(

@@ -13,14 +13,13 @@ import numpy as np
 from host.config import PmbSettings
 from host.estimator.gaussians.moving_gaussians import (
     PLACE,
-    PVXVX,
-    PVYVY,
     PXVX,
     PXX,
     PYVY,
     PYY,
     ROWS,
-    VX,
+    VELOCITY,
+    VELOCITY_VARIANCES,
     Y,
     add_odometry_noise,
     into_frame,
@@ -37,6 +36,7 @@ MOTIONS = 3
 MOTION_OF = np.array([STILL, STILL, STILL, MANOEUVRE, CRUISE])  # of each mode
 
 _IN_MOTION = (np.arange(MOTIONS)[:, None] == MOTION_OF).astype(np.float64)
+_OF_GAUSSIANS = np.concatenate((_IN_MOTION, _IN_MOTION * (np.arange(MODES) != OBSTACLE)))
 
 # From mode to mode, 1/s. The chain has neighbours only, so its eigenvalues are real. A parked
 # robot stands for minutes, as an obstacle does for ever: lest standing long speak for an obstacle.
@@ -96,10 +96,10 @@ class ThingModes:
         shares[:: MOTIONS + 1] += _LEAST_FLOW
         shares = shares.reshape(MOTIONS, MOTIONS, -1)
         shares /= shares.sum(axis=0)
-        rows[[PVXVX, PVYVY], STILL] = self._speed_variance
+        rows[VELOCITY_VARIANCES, STILL] = self._speed_variance
         mixed = mix(rows, shares)
-        mixed[[PVXVX, PVYVY], MANOEUVRE] += self._speed_variance * shares[CRUISE, MANOEUVRE]
-        mixed[VX : VX + 2, STILL] = 0.0
+        mixed[VELOCITY_VARIANCES, MANOEUVRE] += self._speed_variance * shares[CRUISE, MANOEUVRE]
+        mixed[VELOCITY, STILL] = 0.0
         mixed[PXVX:, STILL] = 0.0
         return mixed, chances.T @ weights
 
@@ -141,10 +141,9 @@ class ThingModes:
         rows[: Y + 1] = positions.T[:, None]
         rows[PXX : PYY + 1] = covariances.reshape(-1, 4).T.take((0, 1, 3), axis=0)[:, None]
         variance = self._speed_variance
-        for place, both, velocity in ((PXX, PXVX, PVXVX), (PYY, PYVY, PVYVY)):
-            rows[place, 1:] += lags * lags * variance
-            rows[both, 1:] = lags * variance
-            rows[velocity, 1:] = variance
+        rows[PXX : PYY + 1 : PYY - PXX, MANOEUVRE:] += lags * lags * variance
+        rows[PXVX : PYVY + 1 : PYVY - PXVX, MANOEUVRE:] = lags * variance
+        rows[VELOCITY_VARIANCES, MANOEUVRE:] = variance
         weights = np.empty((MODES, len(positions)))
         weights[OBSTACLE] = obstacle
         weights[TEAMMATE] = _AT_BIRTH[:, None] * teammate
@@ -152,8 +151,8 @@ class ThingModes:
 
 
 def by_motion(weights: FloatArray) -> FloatArray:
-    """Weights (MOTIONS, n) of the Gaussians, from those of the modes, with or without OBSTACLE."""
-    return np.asarray(_IN_MOTION[:, -len(weights) :] @ weights)
+    """Weights (2, MOTIONS, n) of the Gaussians, from those of the modes: of all, of TEAMMATE."""
+    return np.asarray((_OF_GAUSSIANS @ weights).reshape(2, MOTIONS, -1))
 
 
 def moments(rows: FloatArray) -> FloatArray:
@@ -163,15 +162,15 @@ def moments(rows: FloatArray) -> FloatArray:
     return np.asarray(places)
 
 
-def mixture(of_motions: FloatArray, weights: FloatArray) -> FloatArray:
-    """Position of the mixture over all motions: (6, n), rows as in `gaussian_mixture`.
+def mixtures(of_motions: FloatArray, weights: FloatArray) -> FloatArray:
+    """Positions of mixtures over all motions: (6, c, n), rows as in `gaussian_mixture`.
 
-    of_motions: their `moments` (5, MOTIONS, n). weights (MOTIONS, n).
+    of_motions: their `moments` (5, MOTIONS, n). weights (c, MOTIONS, n), for each of c mixtures.
     """
-    total = weights.sum(axis=0)
-    mixed = np.empty((6, len(total)))
-    shares = weights / np.maximum(total, 1e-300)
-    np.einsum("rkn,kn->rn", of_motions, shares, out=mixed[:5])
+    total = weights.sum(axis=1)
+    mixed = np.empty((6, *total.shape))
+    shares = weights / np.maximum(total, 1e-300)[:, None]
+    np.einsum("rkn,ckn->rcn", of_motions, shares, out=mixed[:5])
     mixed[2:5] -= mixed.take((0, 0, 1), axis=0) * mixed.take((0, 1, 1), axis=0)
     mixed[5] = total
     return mixed

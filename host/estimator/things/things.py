@@ -11,16 +11,14 @@ import math
 import numpy as np
 
 from host.estimator.gaussians.duplicates import duplicates
-from host.estimator.gaussians.gaussian_mixture import ROWS as MIXTURE_ROWS
 from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
 from host.estimator.gaussians.moving_gaussians import PLACE, ROWS, Y
 from host.estimator.things.thing_modes import (
     MODES,
     MOTIONS,
     STILL,
-    TEAMMATE,
     by_motion,
-    mixture,
+    mixtures,
     moments,
 )
 from host.messages import FloatArray, IntArray
@@ -37,28 +35,32 @@ class Things:
     def __init__(self) -> None:
         self.rows, self.weights = np.zeros((ROWS, MOTIONS, 0)), np.zeros((MODES, 0))
         self.tracks = np.zeros((4, 0))
-        self._moments = moments(self.rows)
-        self.whole = np.zeros((MIXTURE_ROWS, 0))  # each as one Gaussian, whatever it is
-        self._teammates: FloatArray | None = None
+        self.changed()
 
     def __len__(self) -> int:
         return self.weights.shape[1]
 
     def changed(self) -> None:
-        """Work out again what depends on rows and weights."""
-        self._moments = moments(self.rows)
-        self.whole = mixture(self._moments, by_motion(self.weights))
-        self._teammates = None
+        """Work out again what depends on rows and weights.
 
-    def teammates(self) -> FloatArray:
-        """Each thing as a teammate, as one Gaussian (6, n)."""
-        if self._teammates is None:
-            self._teammates = mixture(self._moments, by_motion(self.weights[TEAMMATE]))
-        return self._teammates
+        That are the weights (MOTIONS, n) of the Gaussians, and each thing as one Gaussian (6, n):
+        whatever it is, and as a teammate.
+        """
+        both = by_motion(self.weights)
+        self._mixtures = mixtures(moments(self.rows), both)
+        self.motions, self.teammate_motions = both
+        self.whole, self.teammates = self._mixtures.swapaxes(0, 1)
+
+    def scale(self, factors: FloatArray) -> None:
+        """Multiply the probability that each thing is there by factors (n,)."""
+        self.weights *= factors
+        self.motions *= factors
+        self.teammate_motions *= factors
+        self._mixtures[TOTAL] *= factors
 
     def standing(self, least: float) -> tuple[IntArray, FloatArray]:
         """Indices (k,) of those that stand still with at least this probability, where: (6, k)."""
-        still = by_motion(self.weights)[STILL]
+        still = self.motions[STILL]
         there = (still > least).nonzero()[0]
         places = self.rows[PLACE, STILL].take(there, axis=1)
         return there, np.concatenate((places, still.take(there)[None]))
@@ -75,15 +77,14 @@ class Things:
 
         seen s, variances (m,) m²: of the readings they are born of; pictured s: of the picture.
         """
-        new = (weights.sum(axis=0) > _LEAST_EXISTENCE).nonzero()[0]
-        tracks = np.zeros((4, len(new)))
-        tracks[SEEN], tracks[PICTURED], tracks[VARIANCE] = seen, pictured, variances.take(new)
+        tracks = np.zeros((4, len(variances)))
+        tracks[SEEN], tracks[PICTURED], tracks[VARIANCE] = seen, pictured, variances
+        self.rows = np.concatenate((self.rows, rows), axis=2)
+        self.weights = np.concatenate((self.weights, weights), axis=1)
+        self.tracks = np.concatenate((self.tracks, tracks), axis=1)
         fading = (self.tracks[SEEN] < seen - _AGAIN_S) & (self.tracks[LABEL] == 0.0)
         least = np.where(fading, LIKELY, _LEAST_EXISTENCE)
         self._keep((self.weights.sum(axis=0) > least).nonzero()[0])
-        self.rows = np.concatenate((self.rows, rows.take(new, axis=2)), axis=2)
-        self.weights = np.concatenate((self.weights, weights.take(new, axis=1)), axis=1)
-        self.tracks = np.concatenate((self.tracks, tracks), axis=1)
         self.changed()
 
     def merge_duplicates(self) -> None:
@@ -103,8 +104,7 @@ class Things:
             return
         gone, kept = likely.take(gone), likely.take(kept)
         both = np.minimum(there + np.bincount(kept, there.take(gone), len(there)), 1.0)
-        self.weights *= both / np.maximum(there, 1e-300)
-        self.whole[TOTAL] = both
+        self.scale(both / np.maximum(there, 1e-300))
         labels = np.where(tracks[LABEL] > 0.0, tracks[LABEL], math.inf)
         np.minimum.at(labels, kept, labels.take(gone))
         tracks[LABEL] = np.where(labels < math.inf, labels, 0.0)
@@ -112,7 +112,7 @@ class Things:
         stays[gone] = False
         stay = stays.nonzero()[0]
         self._keep(stay)
-        self.whole, self._moments = self.whole.take(stay, axis=1), self._moments.take(stay, axis=2)
+        self.changed()
 
     def _keep(self, kept: IntArray) -> None:
         self.rows, self.weights = self.rows.take(kept, axis=2), self.weights.take(kept, axis=1)

@@ -19,10 +19,9 @@ from host.estimator.things.thing_modes import (
     MOTION_OF,
     MOTIONS,
     STILL,
-    TEAMMATE,
     ThingModes,
     by_motion,
-    mixture,
+    mixtures,
     moments,
 )
 from host.messages import Displacement, FloatArray
@@ -158,8 +157,8 @@ def test_the_whole_has_the_moments_of_the_motions() -> None:
     spread = sum(
         s * ((d - mean).T @ (d - mean)) / len(d) for s, d in zip(shares, draws, strict=True)
     )
-    whole = mixture(moments(rows), by_motion(weights))[:, 0]
+    whole = mixtures(moments(rows), by_motion(weights))[:, 0, 0]
     assert whole[:2] == pytest.approx(mean, abs=1e-3)
     assert whole[2:5] == pytest.approx(spread[[0, 0, 1], [0, 1, 1]], abs=2e-4)
     assert whole[5] == pytest.approx(0.8)
-    assert by_motion(weights[TEAMMATE])[:, 0] == pytest.approx([0.2, 0.3, 0.2])
+    assert by_motion(weights)[1, :, 0] == pytest.approx([0.2, 0.3, 0.2])
