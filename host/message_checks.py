@@ -163,20 +163,22 @@ def _first(values: FloatArray, bad: Callable[[float], bool]) -> float:
 def _covariances(values: object, count: int) -> None:
     matrices = _array("covariances", values, (count, 2, 2), -_MOST_VARIANCE, _MOST_VARIANCE)
     xx, xy, yx, yy = matrices.reshape(-1, 4).T
-    if not count:
+    trace = xx + yy
+    small = np.minimum(xx, yy) < _LEAST_VARIANCE
+    oblique = np.abs(xy - yx) > _SYMMETRIC * trace
+    thin = xx * yy - xy * yx < _LEAST_SHAPE * trace * trace
+    if not (small | oblique | thin).any():
         return
-    if min(xx.min(), yy.min()) < _LEAST_VARIANCE:
+    if small.any():
         which = int(np.argmin(np.minimum(xx, yy)))
         raise _FaultError(
             f"the variances of reading {which} are not all at least {_LEAST_VARIANCE:g} m²"
         )
-    trace = xx + yy
-    if (np.abs(xy - yx) > _SYMMETRIC * trace).any():
+    if oblique.any():
         which = int(np.argmax(np.abs(xy - yx) / trace))
         raise _FaultError(f"the covariance of reading {which} is not symmetric")
-    if (xx * yy - xy * yx < _LEAST_SHAPE * trace * trace).any():
-        which = int(np.argmin((xx * yy - xy * yx) / trace**2))
-        raise _FaultError(f"the covariance of reading {which} is not positive definite")
+    which = int(np.argmin((xx * yy - xy * yx) / trace**2))
+    raise _FaultError(f"the covariance of reading {which} is not positive definite")
 
 
 def _identities(values: object, count: int) -> None:

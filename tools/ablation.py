@@ -45,7 +45,6 @@ class _OneMode(ThingModes):
     def __init__(self, robot: RobotConfig) -> None:
         super().__init__(robot.filter.pmb)
         self._eigenvalues = np.zeros_like(self._eigenvalues)  # no mode changes into another
-        self._vectors = self._inverse = np.eye(len(self._eigenvalues))
 
     def born(
         self,

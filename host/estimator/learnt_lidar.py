@@ -44,11 +44,12 @@ class LearntLidar(LidarModel):
         teammates, expected, found (n,): the probabilities that a thing is a teammate, that it gives
         a reading, by the model, and that it gave one.
         """
-        kept, share = math.exp(-elapsed / _FORGOTTEN_S), float(new_share(elapsed, _SCANS_S))
+        kept, share = math.exp(-elapsed / _FORGOTTEN_S), new_share(elapsed, _SCANS_S)
         plain = (teammates > _SURE) & (expected > _PLAIN_VIEW * self.close_by)
+        found, expected = found[plain], expected[plain]
         configured = self._config.detection_probability
-        self._found = kept * self._found + share * float(found[plain].sum())
-        chances = float(expected[plain].sum()) * configured / self.close_by
+        self._found = kept * self._found + share * float(found.sum())
+        chances = float(expected.sum()) * configured / self.close_by
         self._expected = kept * self._expected + share * chances
         learnt = configured * (_PRIOR_CHANCES + self._found) / (_PRIOR_CHANCES + self._expected)
         self.close_by = min(max(learnt, _LEAST), configured)

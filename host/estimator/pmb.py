@@ -117,10 +117,10 @@ class PmbFilter:
         shares = by_reading / np.maximum(total, 1e-300).take(i, axis=1)
         absorb(things.rows, pairs.changes, i, shares)
         things.weights *= total.take(MOTION_OF, axis=0)
-        placed = (found.pairs > 0.5).nonzero()[0]
-        variances = 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
-        things.tracks[SEEN, i[placed]] = measured.time
-        things.tracks[VARIANCE, i[placed]] = variances[j[placed]]
+        sure = (found.pairs > 0.5).nonzero()[0]
+        placed, variances = i.take(sure), 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
+        things.tracks[SEEN, placed] = measured.time
+        things.tracks[VARIANCE, placed] = variances.take(j.take(sure))
         teammates = things.weights[TEAMMATE].sum(axis=0)
         expected = (motions * detected).sum(axis=0)
         self._lidar.learn(teammates, expected, 1.0 - found.missed, elapsed)
@@ -272,8 +272,9 @@ class PmbFilter:
         """Number what is reported for the first time."""
         labels = self._things.tracks[LABEL]
         new = (self._reported(self._things.teammates) & (labels == 0.0)).nonzero()[0]
-        labels[new] = np.arange(self._next_label, self._next_label + len(new))
-        self._next_label += len(new)
+        if len(new):
+            labels[new] = np.arange(self._next_label, self._next_label + len(new))
+            self._next_label += len(new)
 
     def _reported(self, teammates: FloatArray) -> BoolArray:
         """Which Bernoullis (n,) lower the expected GOSPA (p = 2, cut-off c) by their report.

@@ -18,7 +18,7 @@ def test_a_reading_that_looks_like_furniture_is_less_of_a_teammate() -> None:
         time = 0.14 * (step + 1)
         filter_.predict(Displacement(time, 0.14, 0.0, 0.0, 0.0))
         filter_.update(Positions(time, places, noise, scores=scores))
-    teammates, whole = filter_._things.teammates(), filter_._things.whole
+    teammates, whole = filter_._things.teammates, filter_._things.whole
     of_turret = np.argmin(np.abs(whole[Y] - 0.3))
     of_leg = np.argmin(np.abs(whole[Y] + 0.7))
     share = teammates[WEIGHT] / whole[WEIGHT]

@@ -108,11 +108,11 @@ def innovations(
 ) -> Innovations:
     """Of position readings: H = [I, -lag I]; rows (ROWS, ..., p).
 
-    places (2, ..., p) m, noise (3, ..., p) m²: xx, xy, yy; both made `lags` s ago.
+    places (2, ..., p) m, noise (p, 2, 2) m²; both made `lags` s ago.
     """
     crossed = rows.take(_OF_POSITION, axis=0) - lags * rows.take(_OF_VELOCITY, axis=0)
     (sxx, sxy), (_, syy) = crossed[:2] - lags * crossed[2:4]
-    sxx, sxy, syy = sxx + noise[0], sxy + noise[1], syy + noise[2]
+    sxx, sxy, syy = sxx + noise[:, 0, 0], sxy + noise[:, 0, 1], syy + noise[:, 1, 1]
     np.subtract(places, crossed[4], out=crossed[4])  # now (P H^T; nu^T)
     slope = sxy / syy
     of_x, of_y = 1.0 / np.sqrt(sxx - slope * sxy), 1.0 / np.sqrt(syy)

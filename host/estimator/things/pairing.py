@@ -48,8 +48,7 @@ def pair_positions(
     i, j = gated_pairs(whole, measured.positions, noise, gate)
     lags = 0.0 if measured.lags is None else measured.lags.take(j)
     places = measured.positions.T.take(j, axis=1)[:, None]
-    entries = noise.reshape(-1, 4).T.take((0, 1, 3), axis=0).take(j, axis=1)[:, None]
-    of_pairs = innovations(rows.take(i, axis=2), places, entries, lags)
+    of_pairs = innovations(rows.take(i, axis=2), places, noise.take(j, axis=0), lags)
     near = (of_pairs.squares.min(axis=0) < gate).nonzero()[0]
     likelihood = of_pairs.likelihood.take(near, axis=1)
     return Pairs(i.take(near), j.take(near), likelihood, of_pairs.changes(near))

@@ -125,9 +125,10 @@ class StaticWorld:
 
     def believed(self) -> tuple[FloatArray, FloatArray]:
         """Those that are probably still there: positions (n, 2) m, covariances (n, 2, 2) m²."""
-        return _places(self.rows[:, (self.rows[WEIGHT] > _BELIEVED) & (self._seen_s >= _SETTLED_S)])
+        known = (self.rows[WEIGHT] > _BELIEVED) & (self._seen_s >= _SETTLED_S)
+        return _places(self.rows.take(known.nonzero()[0], axis=1))
 
 
 def _places(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (n, 2) and covariances (n, 2, 2) of Gaussians (6, n)."""
-    return rows[: Y + 1].T, rows[[PXX, PXY, PXY, PYY]].T.reshape(-1, 2, 2)
+    return rows[: Y + 1].T, rows.take((PXX, PXY, PXY, PYY), axis=0).T.reshape(-1, 2, 2)

@@ -67,8 +67,12 @@ class ThingModes:
         self._speed_variance = settings.speed_mps**2
         self._noise = [q * (settings.speed_mps / 0.2) ** 2 for q in _NOISE]
         generator = _RATES - np.diag(_RATES.sum(axis=1))
-        self._eigenvalues, self._vectors = np.linalg.eig(generator)
-        self._inverse = np.linalg.inv(self._vectors)
+        self._eigenvalues, vectors = np.linalg.eig(generator)
+        # Over dt, as sums over exp(eigenvalue dt): the chances to be in each mode afterwards, and
+        # of those what flows from motion to motion; each by the mode that it comes from.
+        chances = np.einsum("ae,eb->bae", vectors, np.linalg.inv(vectors))
+        flows = np.einsum("ia,jb,bae->ijae", _IN_MOTION, _IN_MOTION, chances)
+        self._changes = np.concatenate((flows.reshape(-1, MODES), chances.reshape(-1, MODES)))
 
     def predict(
         self, rows: FloatArray, weights: FloatArray, motion: Displacement
@@ -89,19 +93,18 @@ class ThingModes:
         What starts to move has any velocity of the usual size; what stops has none. What ends to
         cruise may brake or swerve at once: its velocity changes by the usual size.
         """
-        chances = np.maximum((self._vectors * np.exp(self._eigenvalues * dt)) @ self._inverse, 0.0)
-        # The probability that flows from motion to motion, of the modes that it flows from.
-        flows = _IN_MOTION[:, None] * (_IN_MOTION @ chances.T)
-        shares = flows.reshape(-1, MODES) @ weights
-        shares[:: MOTIONS + 1] += _LEAST_FLOW
-        shares = shares.reshape(MOTIONS, MOTIONS, -1)
+        changes = np.maximum(self._changes @ np.exp(self._eigenvalues * dt), 0.0)
+        after = changes.reshape(-1, MODES) @ weights
+        flows, weights = after[: MOTIONS**2], after[MOTIONS**2 :]
+        flows[:: MOTIONS + 1] += _LEAST_FLOW
+        shares = flows.reshape(MOTIONS, MOTIONS, -1)
         shares /= shares.sum(axis=0)
         rows[VELOCITY_VARIANCES, STILL] = self._speed_variance
         mixed = mix(rows, shares)
         mixed[VELOCITY_VARIANCES, MANOEUVRE] += self._speed_variance * shares[CRUISE, MANOEUVRE]
         mixed[VELOCITY, STILL] = 0.0
         mixed[PXVX:, STILL] = 0.0
-        return mixed, chances.T @ weights
+        return mixed, weights
 
     def _steps(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """F (MOTIONS, 4, 4) and the entries of Q (10, MOTIONS) over dt s."""

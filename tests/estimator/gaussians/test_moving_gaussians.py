@@ -83,8 +83,8 @@ def test_a_position_changes_gaussians_as_kalman_does(seed: int, lag: float) -> N
     random = np.random.default_rng(seed)
     before, noise = some(random, 2, 3), some(random, 3)
     places = before[:2, 0] + random.normal(0.0, 0.2, (2, 3))
-    read = noise[COVARIANCE][:3]
-    found = innovations(before, places[:, None], read[:, None], lag)
+    read = np.stack([matrix(noise, k)[:2, :2] for k in range(3)])
+    found = innovations(before, places[:, None], read, lag)
     after = before.copy()
     absorb(after, found.changes(np.arange(3)), np.arange(3), np.ones((2, 3)))
     h = np.hstack((np.eye(2), -lag * np.eye(2)))
