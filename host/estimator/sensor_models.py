@@ -9,6 +9,7 @@ pillars), occlusion (nearer things in the way) and interference (nothing comes b
 import math
 
 import numpy as np
+from scipy.special import expit
 
 from host.config import Cameras, FilterSettings, Lidar
 from host.geometry import SECTORS, sector, wrap
@@ -67,7 +68,7 @@ def _range_curve(
     distance: FloatArray, most: float, half_range: float, steepness: float
 ) -> FloatArray:
     """Eq. 19 and 30 in their common form: `most` close by, half of it at `half_range` m."""
-    return np.asarray(most / (1.0 + np.exp(np.minimum(steepness * (distance - half_range), 50.0))))
+    return np.asarray(most * expit(steepness * (half_range - distance)))
 
 
 def in_view(bearing: FloatArray, view: tuple[float, float]) -> BoolArray:

@@ -23,8 +23,8 @@ FIRST = np.array([0, 0, 1, 0, 0, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 1, 2, 3, 2, 3, 2, 3, 3])
 ENTRY = np.array([[0, 1, 3, 4], [1, 2, 5, 6], [3, 5, 7, 8], [4, 6, 8, 9]])
 # P's columns of the position and of the velocity, and below each the mean.
-_OF_POSITION = np.concatenate((PXX + ENTRY[:, :2], [[X, Y]]))
-_OF_VELOCITY = np.concatenate((PXX + ENTRY[:, 2:], [[VX, VY]]))
+_OF_POSITION = np.concatenate((PXX + ENTRY[:, :2], [[X, Y]])).T.copy()
+_OF_VELOCITY = np.concatenate((PXX + ENTRY[:, 2:], [[VX, VY]])).T.copy()
 
 # For P' = G P G^T: entry (a, b) of P' is the sum over entries (c, d) of G_ac G_bd + G_ad G_bc,
 # once where c = d. Each is an index into the sixteen elements of G.
@@ -62,7 +62,9 @@ def add_odometry_noise(rows: FloatArray, motion: Displacement) -> None:
     rows[PYY] += motion.translation_variance
     lever = rows.take((Y, X, VY, VX), axis=0)
     lever[::2] *= -1.0
-    rows[COVARIANCE] += motion.heading_variance * outer(lever)
+    spread = outer(lever)
+    spread *= motion.heading_variance
+    rows[COVARIANCE] += spread
 
 
 def into_frame(motion: Displacement) -> FloatArray:
@@ -87,8 +89,8 @@ def places_then(rows: FloatArray, lags: FloatArray | float) -> FloatArray:
 class Innovations:
     """What position readings say of Gaussians (ROWS, ..., p), one each.
 
-    squares (..., p): nu^T S^-1 nu. likelihood (..., p): N(nu; 0, S), 1/m². steps (4, 3, ..., p):
-    the two columns of P H^T L with S^-1 = L L^T, and by how much the mean moves.
+    squares (..., p): nu^T S^-1 nu. likelihood (..., p): N(nu; 0, S), 1/m². steps (3, 4, ..., p):
+    by how much the mean moves, and the two columns of P H^T L with S^-1 = L L^T.
     """
 
     squares: FloatArray
@@ -97,10 +99,11 @@ class Innovations:
 
     def changes(self, chosen: IntArray) -> FloatArray:
         """By the update of those chosen (q,): (ROWS, ..., q), as `absorb` takes them."""
-        steps = self.steps.take(chosen, axis=-1)
-        products = outer(steps)
-        lost = products[:, 0] + products[:, 1] - products[:, 2]
-        return np.concatenate((steps[:, 2], lost))
+        moves, first, second = self.steps.take(chosen, axis=-1)
+        lost = outer(first)
+        lost += outer(second)
+        lost -= outer(moves)
+        return np.concatenate((moves, lost))
 
 
 def innovations(
@@ -110,20 +113,23 @@ def innovations(
 
     places (2, ..., p) m, noise (p, 2, 2) m²; both made `lags` s ago.
     """
-    crossed = rows.take(_OF_POSITION, axis=0) - lags * rows.take(_OF_VELOCITY, axis=0)
-    (sxx, sxy), (_, syy) = crossed[:2] - lags * crossed[2:4]
+    crossed = rows.take(_OF_POSITION, axis=0)
+    crossed -= lags * rows.take(_OF_VELOCITY, axis=0)
+    (sxx, sxy), (_, syy) = crossed[:, :2] - lags * crossed[:, 2:4]
     sxx, sxy, syy = sxx + noise[:, 0, 0], sxy + noise[:, 0, 1], syy + noise[:, 1, 1]
-    np.subtract(places, crossed[4], out=crossed[4])  # now (P H^T; nu^T)
+    np.subtract(places, crossed[:, 4], out=crossed[:, 4])
+    x, y = crossed  # of each the column of P H^T and, below it, nu
     slope = sxy / syy
     of_x, of_y = 1.0 / np.sqrt(sxx - slope * sxy), 1.0 / np.sqrt(syy)
-    steps = np.empty((5, 3, *rows.shape[1:]))
-    first, second, both = steps.swapaxes(0, 1)
-    np.multiply(crossed[:, 0] - slope * crossed[:, 1], of_x, out=first)
-    np.multiply(crossed[:, 1], of_y, out=second)
-    np.add(first * first[4], second * second[4], out=both)
+    steps = np.empty((3, *x.shape))
+    both, first, second = steps
+    np.multiply(x - slope * y, of_x, out=first)
+    np.multiply(y, of_y, out=second)
+    np.multiply(first, first[4], out=both)
+    both += second * second[4]
     squares = both[4]  # nu^T L L^T nu
     likelihood = np.exp(-0.5 * squares) * (of_x * of_y * (0.5 / math.pi))
-    return Innovations(squares, likelihood, steps[:4])
+    return Innovations(squares, likelihood, steps[:, :4])
 
 
 def update_along(
@@ -163,11 +169,12 @@ def change(before: FloatArray, after: FloatArray) -> FloatArray:
 def absorb(rows: FloatArray, changes: FloatArray, into: IntArray, shares: FloatArray) -> None:
     """Gaussians (ROWS, k, n) become what they may have become, matched in moments, in place.
 
-    changes (ROWS, k, p): the Gaussian `into` (p,) moves by nu' and loses (P - P') - nu' nu'^T, with
+    changes (ROWS, k, p), which are used up: the Gaussian `into` (p,) moves by nu' and loses (P - P') - nu' nu'^T, with
     the probability `shares` (k, p); with what is left of 1 it stays. (The update of probabilistic
     data association: Bar-Shalom, Willett & Tian 2011, section 3.4.2.)
     """
-    sums = summed(shares * changes, into, rows.shape[2])
+    changes *= shares
+    sums = summed(changes, into, rows.shape[2])
     rows[MEAN] += sums[MEAN]
     rows[COVARIANCE] -= sums[COVARIANCE] + outer(sums[MEAN])
 

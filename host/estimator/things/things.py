@@ -41,21 +41,34 @@ class Things:
         return self.weights.shape[1]
 
     def changed(self) -> None:
-        """Work out again what depends on rows and weights.
+        """Work out again what depends on rows and weights."""
+        self._motions = by_motion(self.weights)
+        self._mixtures = mixtures(moments(self.rows), self._motions)
 
-        That are the weights (MOTIONS, n) of the Gaussians, and each thing as one Gaussian (6, n):
-        whatever it is, and as a teammate.
-        """
-        both = by_motion(self.weights)
-        self._mixtures = mixtures(moments(self.rows), both)
-        self.motions, self.teammate_motions = both
-        self.whole, self.teammates = self._mixtures.swapaxes(0, 1)
+    @property
+    def motions(self) -> FloatArray:
+        """The weights (MOTIONS, n) of the Gaussians, whatever each thing is."""
+        return self._motions[0]
+
+    @property
+    def teammate_motions(self) -> FloatArray:
+        """As `motions`, of each thing as a teammate."""
+        return self._motions[1]
+
+    @property
+    def whole(self) -> FloatArray:
+        """Each thing as one Gaussian (6, n), whatever it is."""
+        return self._mixtures[:, 0]
+
+    @property
+    def teammates(self) -> FloatArray:
+        """Each thing as a teammate, as one Gaussian (6, n)."""
+        return self._mixtures[:, 1]
 
     def scale(self, factors: FloatArray) -> None:
         """Multiply the probability that each thing is there by factors (n,)."""
         self.weights *= factors
-        self.motions *= factors
-        self.teammate_motions *= factors
+        self._motions *= factors
         self._mixtures[TOTAL] *= factors
 
     def standing(self, least: float) -> tuple[IntArray, FloatArray]:
@@ -112,7 +125,7 @@ class Things:
         stays[gone] = False
         stay = stays.nonzero()[0]
         self._keep(stay)
-        self.changed()
+        self._motions, self._mixtures = self._motions.take(stay, 2), self._mixtures.take(stay, 2)
 
     def _keep(self, kept: IntArray) -> None:
         self.rows, self.weights = self.rows.take(kept, axis=2), self.weights.take(kept, axis=1)
