@@ -169,12 +169,11 @@ def change(before: FloatArray, after: FloatArray) -> FloatArray:
 def absorb(rows: FloatArray, changes: FloatArray, into: IntArray, shares: FloatArray) -> None:
     """Gaussians (ROWS, k, n) become what they may have become, matched in moments, in place.
 
-    changes (ROWS, k, p), which are used up: the Gaussian `into` (p,) moves by nu' and loses (P - P') - nu' nu'^T, with
+    changes (ROWS, k, p): the Gaussian `into` (p,) moves by nu' and loses (P - P') - nu' nu'^T, with
     the probability `shares` (k, p); with what is left of 1 it stays. (The update of probabilistic
     data association: Bar-Shalom, Willett & Tian 2011, section 3.4.2.)
     """
-    changes *= shares
-    sums = summed(changes, into, rows.shape[2])
+    sums = summed(shares * changes, into, rows.shape[2])
     rows[MEAN] += sums[MEAN]
     rows[COVARIANCE] -= sums[COVARIANCE] + outer(sums[MEAN])
 

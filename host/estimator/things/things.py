@@ -42,18 +42,18 @@ class Things:
 
     def changed(self) -> None:
         """Work out again what depends on rows and weights."""
-        self._motions = by_motion(self.weights)
-        self._mixtures = mixtures(moments(self.rows), self._motions)
+        self._motions: FloatArray = by_motion(self.weights)
+        self._mixtures: FloatArray = mixtures(moments(self.rows), self._motions)
 
     @property
     def motions(self) -> FloatArray:
         """The weights (MOTIONS, n) of the Gaussians, whatever each thing is."""
-        return self._motions[0]
+        return self._motions[0, :]
 
     @property
     def teammate_motions(self) -> FloatArray:
         """As `motions`, of each thing as a teammate."""
-        return self._motions[1]
+        return self._motions[1, :]
 
     @property
     def whole(self) -> FloatArray:
