@@ -177,6 +177,17 @@ class Gathered:
             check_identity(times, ticks, tracks.bodies, config.wheels, config.mocap)
         return tracks
 
+    def tracks_of_teammates(self) -> Tracks:
+        """The true paths, with teammates in them. Raises UserError where there is none, too."""
+        tracks = self.tracks()
+        if not len(tracks.identities):
+            raise UserError(
+                "motion capture saw no teammate",
+                f"of all bodies it saw {self.config.mocap.body} alone, which is this robot",
+                "put a teammate with a body of its own on the floor",
+            )
+        return tracks
+
     def path(self) -> Path:
         """The whole path by the wheels alone."""
         path = Path(keep_seconds=math.inf)

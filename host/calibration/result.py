@@ -1,6 +1,7 @@
 """What every calibration gives: fitted numbers, what of them passes, and what to draw of them."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -187,3 +188,21 @@ class Calibration:
         """Every value for robot.toml by its key."""
         rows = {row.key: row.value for row in self.fitted if row.key and math.isfinite(row.value)}
         return {**rows, **self.settings}
+
+
+def joined(parts: Sequence[Calibration]) -> Calibration:
+    """One calibration of several, at least one, of which the first has the kind."""
+
+    def every(field_name: str) -> tuple[Any, ...]:
+        return tuple(item for part in parts for item in getattr(part, field_name))
+
+    return Calibration(
+        kind=parts[0].kind,
+        fitted=every("fitted"),
+        checks=every("checks"),
+        residuals="; ".join(part.residuals for part in parts),
+        pictures=every("pictures"),
+        warnings=every("warnings"),
+        settings={key: value for part in parts for key, value in part.settings.items()},
+        figures={key: value for part in parts for key, value in part.figures.items()},
+    )

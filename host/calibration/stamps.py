@@ -42,13 +42,14 @@ def stamps_check(tracks: Sequence[FloatArray]) -> Check:
     )
 
 
-def delay_check(delay: float, sigma: float) -> Check:
-    """The check that the lidar's delay (s) is not negative, as far as that is known."""
+def delay_check(name: str, delay: float, sigma: float) -> Check:
+    """The check that a delay (s) is not negative, as far as that is known."""
     return at_least(
-        "delay of the lidar, at most",
+        f"{name}, at most",
         delay + _SIGMAS * (sigma if math.isfinite(sigma) else 0.0) + _TOLERANCE_S,
         0.0,
         "ms",
         f"it comes out at {1e3 * delay:.1f} ms, but nothing is measured before it happens: stamps "
-        "of motion capture are late; see its latency, and that one clock stamps both",
+        "of motion capture are late (a ceiling camera has mocap.ceiling.delay_s for that); see its "
+        "latency, and that one clock stamps both",
     )

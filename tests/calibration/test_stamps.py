@@ -50,4 +50,4 @@ def test_frames_that_are_lost_or_a_little_irregular_pass(rate_hz):
     ],
 )
 def test_a_negative_delay_is_refused(delay, sigma, passes):
-    assert delay_check(delay, sigma).passed is passes
+    assert delay_check("delay", delay, sigma).passed is passes

@@ -146,14 +146,7 @@ def strips_of(gathered: Gathered) -> Strips:
 def reference_of(gathered: Gathered) -> Reference:
     """Motion capture, or the lidar where there is none. Raises UserError where neither is."""
     if gathered.bodies:
-        tracks = gathered.tracks()
-        if len(tracks.identities):
-            return Captured(tracks)
-        raise UserError(
-            "motion capture saw no teammate",
-            f"it saw body {gathered.config.mocap.body} alone, which is this robot",
-            "make a rigid body of a teammate, or leave motion capture out: the lidar will do",
-        )
+        return Captured(gathered.tracks_of_teammates())
     if len(gathered.scans) < 2:
         raise UserError(
             "there is no reference for where the teammates truly are",

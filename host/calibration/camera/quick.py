@@ -141,7 +141,7 @@ def _align(positions: FloatArray, teammates: FloatArray) -> Alignment | None:
         weights = np.where(known, 1.0 / np.sum(positions**2, axis=1), 0.0)
         partners = np.where(known[:, None], nearest, 0.0)
         try:
-            motion = align_robustly(positions, partners, gate, weights, start=pose)
+            motion = align_robustly(positions, partners, gate, pose, weights)
         except UserError:
             return None
         pose = motion.pose

@@ -17,6 +17,7 @@ from host.calibration.camera.bearing_errors import (
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.result import Check, at_least, at_most
+from host.calibration.stamps import delay_check
 from host.config import Camera, Cameras
 from host.perception.lens import equidistant_limit
 
@@ -40,7 +41,6 @@ def verdict(
                 _explained(fit, number),
                 *_sound(fit, number),
             ]
-    delay = cameras.delay_s + fit.delay
     return (
         *checks,
         at_most(
@@ -51,14 +51,7 @@ def verdict(
             "rotate the robot to the left and to the right while teammates are in view: "
             "at one constant speed a delay looks like a camera that is mounted askew",
         ),
-        at_least(
-            "delay of the cameras",
-            delay,
-            -2.0 * sigma,
-            "ms",
-            "pictures cannot come before they are taken: motion capture is late, so set its own "
-            "delay (mocap.ceiling.delay_s), or the clocks of a recording differ",
-        ),
+        delay_check("delay of the cameras", cameras.delay_s + fit.delay, sigma),
         _agreement(cameras, fit, halves, table),
     )
 

@@ -1,6 +1,5 @@
 """The ceiling camera: lens and mounting from tags that it saw, its delay by the wheels."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -18,6 +17,7 @@ from host.calibration.result import (
     at_most,
     thinned,
 )
+from host.calibration.stamps import delay_check
 from host.calibration.wheels import calibrate as wheels
 from host.calibration.wheels.drives import drives_of
 from host.calibration.wheels.verdict import LAG
@@ -99,16 +99,7 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
         before=mocap.ceiling.delay_s,
         unit="ms",
     )
-    checks = (
-        *found.checks,
-        at_least(
-            "delay of the ceiling camera",
-            delay,
-            -2.0 * lag.sigma,
-            "ms",
-            "pictures cannot come before they are taken: the ticks are late, or the stamps wrong",
-        ),
-    )
+    checks = (*found.checks, delay_check("delay of the ceiling camera", delay, lag.sigma))
     return Calibration(
         kind="ceiling",
         fitted=(row,),
@@ -116,18 +107,6 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
         residuals=found.residuals,
         pictures=found.pictures,
         warnings=found.warnings,
-    )
-
-
-def both(view: Calibration, delay: Calibration) -> Calibration:
-    """One calibration of both."""
-    return dataclasses.replace(
-        view,
-        fitted=view.fitted + delay.fitted,
-        checks=view.checks + delay.checks,
-        residuals=f"{view.residuals}; wheels: {delay.residuals}",
-        pictures=view.pictures + delay.pictures,
-        warnings=view.warnings + delay.warnings,
     )
 
 

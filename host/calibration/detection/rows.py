@@ -1,8 +1,9 @@
 """What was fitted to detection, as rows of the report."""
 
+import dataclasses
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from host.calibration.detection.blind_sectors import FoundSector, find_sectors, 
 from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
 from host.calibration.gathered import Gathered
 from host.calibration.result import Fitted
-from host.config import Cameras, Lidar
+from host.config import Cameras, Lidar, RobotConfig
 from host.messages import BoolArray, FloatArray
 
 _PROBABILITY_LIMIT, _HALF_RANGE_LIMIT_M = 0.05, 0.15
@@ -31,10 +32,6 @@ def all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     return first | True, first, ~first
 
 
-def finite_halves(halves: tuple[float, float]) -> tuple[float, float] | None:
-    return halves if math.isfinite(sum(halves)) else None
-
-
 def shown_row(name: str, value: float, unit: str) -> Fitted:
     """A row that is shown and not written."""
     why = "shown to be read, and not written"
@@ -42,9 +39,9 @@ def shown_row(name: str, value: float, unit: str) -> Fitted:
 
 
 def positive_row(
+    config: RobotConfig,
     key: str,
     name: str,
-    before: float,
     fits: Iterable[tuple[float, float]],
     unit: str,
     share: float = _RATE_LIMIT,
@@ -54,6 +51,7 @@ def positive_row(
     share: of the quantity, as which its sigma may be.
     """
     (value, sigma), (early, _), (late, _) = fits
+    before = float(operator.attrgetter(key)(config))
     return Fitted(
         key=key,
         name=name,
@@ -61,9 +59,24 @@ def positive_row(
         sigma=sigma,
         limit=share * max(value, before) if math.isfinite(value) else share * before,
         before=before,
-        halves=finite_halves((early, late)),
+        halves=(early, late) if math.isfinite(early + late) else None,
         unit=unit,
     )
+
+
+def bearing_row(config: RobotConfig, noises: Sequence[float], sigma: float) -> Fitted:
+    """The row of the bearings' noise (rad) by all data and by both halves.
+
+    It is not observable below the pixels' own noise.
+    """
+    fits = [(max(noises[0], sigma), sigma), *((noise, sigma) for noise in noises[1:])]
+    name = "bearing noise of lens and mounting"
+    row = positive_row(config, "camera.bearing_noise_rad", name, fits, "deg")
+    most = 0.5 * max(noises[0], config.camera.bearing_noise_rad)
+    if sigma < most:
+        return dataclasses.replace(row, limit=most)
+    name += " (not observable; configured value kept)"
+    return dataclasses.replace(row, key="", name=name, limit=None, unbounded=KEPT)
 
 
 def curve_rows(

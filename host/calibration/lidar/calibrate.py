@@ -67,13 +67,7 @@ def calibrate(gathered: Gathered) -> Calibration:
     Raises UserError where there is nothing to fit: no revolution of the lidar, no motion capture of
     this robot and a teammate, or no mounting that brings turrets onto teammates.
     """
-    tracks = gathered.tracks()
-    if not len(tracks.identities):
-        raise UserError(
-            "motion capture saw no teammate",
-            f"of all bodies it saw {gathered.config.mocap.body} alone, which is this robot",
-            "put a teammate with a body of its own on the floor",
-        )
+    tracks = gathered.tracks_of_teammates()
     lidar = gathered.config.lidar
     configured = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad, lidar.delay_s, 0.0])
     seen = find_turrets(gathered.scans, lidar)
@@ -89,7 +83,9 @@ def calibrate(gathered: Gathered) -> Calibration:
         checks=(
             *verdict(outcome),
             stamps_check([gathered.frame_times]),
-            delay_check(float(joint.values[3]), math.sqrt(joint.covariance[3, 3])),
+            delay_check(
+                "delay of the lidar", float(joint.values[3]), math.sqrt(joint.covariance[3, 3])
+            ),
         ),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",

@@ -1,7 +1,5 @@
 """What there is to see of a calibration of the lidar."""
 
-from typing import Literal
-
 import numpy as np
 
 from host.calibration.lidar.verdict import Outcome
@@ -9,7 +7,6 @@ from host.calibration.result import ReportPicture, Series
 from host.messages import FloatArray
 
 _BIAS_M = 0.005
-_PIECES, _LEAST_IN_PIECE = 12, 5
 
 
 def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
@@ -17,6 +14,8 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
     ranges, bearings = outcome.polar
     used = outcome.truths[outcome.used]
     rejected = outcome.truths[~outcome.used]
+    x_before, y_before = 1e3 * outcome.before[outcome.used].T
+    x_after, y_after = 1e3 * outcome.errors[outcome.used].T
     return (
         ReportPicture(
             title="Coverage",
@@ -54,8 +53,8 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             x_label="error in x, mm",
             y_label="error in y, mm",
             series=(
-                _cloud(outcome.before[outcome.used], "before"),
-                _cloud(outcome.errors[outcome.used], "fitted"),
+                Series(x=x_before, y=y_before, label="before", role="before"),
+                Series(x=x_after, y=y_after, label="fitted", role="fitted"),
             ),
             caption="Where the lidar puts teammates in the robot frame, less where they were.",
             equal=True,
@@ -66,10 +65,6 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
 _BEARING_CAPTION = (
     "A wave once around is a mounting that moved, or a body whose origin is beside the turret."
 )
-
-
-def _cloud(errors: FloatArray, which: Literal["before", "fitted"]) -> Series:
-    return Series(x=1e3 * errors[:, 0], y=1e3 * errors[:, 1], label=which, role=which)
 
 
 def _residuals(
@@ -83,23 +78,8 @@ def _residuals(
         series=(
             Series(x=x, y=1e3 * along, label="along the beam", role="along"),
             Series(x=x, y=1e3 * across, label="across", role="across"),
-            _medians(x, 1e3 * along),
         ),
         caption=caption,
-    )
-
-
-def _medians(x: FloatArray, errors: FloatArray) -> Series:
-    """The median error in each of some equal pieces of x, where there are some."""
-    edges = np.linspace(x.min(), x.max(), _PIECES + 1) if len(x) else np.zeros(_PIECES + 1)
-    piece = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _PIECES - 1)
-    filled = [k for k in range(_PIECES) if np.count_nonzero(piece == k) >= _LEAST_IN_PIECE]
-    return Series(
-        x=np.array([0.5 * (edges[k] + edges[k + 1]) for k in filled]),
-        y=np.array([float(np.median(errors[piece == k])) for k in filled]),
-        label="along the beam, median",
-        role="along",
-        style="line",
     )
 
 

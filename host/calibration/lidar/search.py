@@ -134,4 +134,4 @@ def _settle(points: FloatArray, truths: FloatArray, pose: FloatArray) -> FloatAr
         who, distance = nearest(to_parent(points, pose), truths)
         partners = truths[np.arange(len(who)), who]
         pose = align(points, partners, (distance <= error).astype(float)).pose
-    return align_robustly(points, partners, _ERRORS_M[-1], start=pose).pose
+    return align_robustly(points, partners, _ERRORS_M[-1], pose).pose

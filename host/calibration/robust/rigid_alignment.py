@@ -12,16 +12,12 @@ import numpy as np
 
 from host.calibration.robust.statistics import plane_sigma
 from host.errors import UserError
-from host.geometry import rotation, to_parent
+from host.geometry import to_parent
 from host.messages import BoolArray, FloatArray
 
-_TRIALS = 300  # with 60 % wrong pairs the chance that none is of two right ones is 2e-23
-_SCORED = 400  # pairs that a trial is scored by
-_LEAST_SHARE = 0.3  # of the points' spread between the two of a trial
 _ROUNDS = 20
 _GATE_SIGMAS = 3.5
 _NO_SPREAD = 1e-9
-_SEED = 20240601
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +51,16 @@ def align(
     """The rigid motion that takes points (n, 2) m to their partners (n, 2) with least squares.
 
     weights (n,): inverse variances up to a common factor; a pair of weight 0 is no inlier. Raises
-    UserError for fewer than three pairs, and where the points all lie in one place; ValueError for
-    arrays of other shapes, numbers that are not finite, and negative weights.
+    UserError for fewer than three pairs, and where the points all lie in one place.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
-    _check_numbers(from_points, to_points, weights)
     used = weights > 0.0
-    _check_count(int(np.count_nonzero(used)))
+    if np.count_nonzero(used) < 3:
+        raise UserError(
+            "too few points to align",
+            f"{np.count_nonzero(used)} pairs, where three are the least",
+            "record for longer, with the teammate in plain view",
+        )
     share = weights / weights.sum()
     from_middle, to_middle = share @ from_points, share @ to_points
     source, target = from_points - from_middle, to_points - to_middle
@@ -89,32 +88,6 @@ def align(
     )
 
 
-def _check_numbers(from_points: FloatArray, to_points: FloatArray, weights: FloatArray) -> None:
-    """Raise ValueError, in words, for what cannot be points and weights."""
-    shapes = [np.shape(array) for array in (from_points, to_points, weights)]
-    count = shapes[0][0] if shapes[0] else 0
-    if shapes != [(count, 2), (count, 2), (count,)] or not count:
-        raise ValueError(
-            "points and their partners are two arrays (n, 2), weights one (n,), with n of 1 at "
-            f"least: these are {', '.join(map(str, shapes))}"
-        )
-    for name, array in (("points", from_points), ("partners", to_points), ("weights", weights)):
-        wrong = ~np.isfinite(array) if name != "weights" else ~(np.isfinite(array) & (array >= 0))
-        if wrong.any():
-            where = int(np.flatnonzero(wrong.reshape(count, -1).any(axis=1))[0])
-            bound = ", 0 or more," if name == "weights" else ""
-            raise ValueError(f"{name} are finite{bound} but row {where} is {array[where]}")
-
-
-def _check_count(pairs: int) -> None:
-    if pairs < 3:
-        raise UserError(
-            "too few points to align",
-            f"{pairs} pairs, where three are the least",
-            "record for longer, with the teammate in plain view",
-        )
-
-
 def _covariance(
     source: FloatArray, rotated_middle: FloatArray, errors: FloatArray, weights: FloatArray
 ) -> FloatArray:
@@ -137,20 +110,18 @@ def align_robustly(
     from_points: FloatArray,
     to_points: FloatArray,
     error_m: float,
+    start: FloatArray,
     weights: FloatArray | None = None,
-    start: FloatArray | None = None,
 ) -> Alignment:
     """The rigid motion that most pairs agree on, though more than half of them may be wrong.
 
     error_m: the largest error (m) that a right pair may have; wrong ones need not have less. From
-    a pose `start` (3,), or the consensus of random pairs of pairs, the fit is repeated with the
-    pairs near it alone, until they stay the same: near is 3.5 times their own scatter, and
-    `error_m` at most. Raises UserError as `align` does, and where no three pairs agree.
+    a pose `start` (3,) the fit is repeated with the pairs near it alone, until they stay the same:
+    near is 3.5 times their own scatter, and `error_m` at most. Raises UserError as `align` does,
+    and where no three pairs agree.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
-    _check_numbers(from_points, to_points, weights)
-    pose = _consensus(from_points, to_points, error_m) if start is None else start
-    errors = np.hypot(*(to_parent(from_points, pose) - to_points).T)
+    errors = np.hypot(*(to_parent(from_points, start) - to_points).T)
     inliers = errors <= error_m
     found = _align_inliers(from_points, to_points, weights, inliers)
     for _ in range(_ROUNDS):
@@ -177,31 +148,3 @@ def _align_inliers(
             "see that the numbers of the bodies are those of the robots meant",
         )
     return align(from_points, to_points, np.where(inliers, weights, 0.0))
-
-
-def _consensus(from_points: FloatArray, to_points: FloatArray, error_m: float) -> FloatArray:
-    """Pose (3,) by two pairs that most others agree with; of random twos the best."""
-    random = np.random.default_rng(_SEED)
-    count = len(from_points)
-    _check_count(count)
-    first, second = random.integers(0, count, (2, 8 * _TRIALS))
-    base, partner = from_points[second] - from_points[first], to_points[second] - to_points[first]
-    length = np.hypot(*base.T)
-    # Near each other, two points determine a rotation badly; apart by other lengths, one is wrong.
-    wide = length >= _LEAST_SHARE * float(np.percentile(length, 90))
-    alike = np.abs(length - np.hypot(*partner.T)) <= 2.0 * error_m
-    chosen = np.flatnonzero(wide & alike)[:_TRIALS]
-    if not len(chosen):
-        chosen = np.arange(min(_TRIALS, len(first)))
-    headings = np.arctan2(*partner[chosen].T[::-1]) - np.arctan2(*base[chosen].T[::-1])
-    some = random.permutation(count)[:_SCORED]
-    best, least = np.zeros(3), math.inf
-    for heading, one, other in zip(headings, first[chosen], second[chosen], strict=True):
-        ends = [one, other]
-        shift = np.mean(to_points[ends] - from_points[ends] @ rotation(heading).T, axis=0)
-        pose = np.array([*shift, heading])
-        errors = to_parent(from_points[some], pose) - to_points[some]
-        cost = float(np.sum(np.minimum(np.sum(errors**2, axis=1), error_m**2)))
-        if cost < least:
-            best, least = pose, cost
-    return best

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from host.calibration.ceiling.calibrate import both, calibrate_delay, calibrate_view
-from host.calibration.result import Calibration
+from host.calibration.ceiling.calibrate import calibrate_delay, calibrate_view
+from host.calibration.result import Calibration, joined
 from host.cli import options
 from host.cli.calibrate.checkerboard import board_option, lens_of
 from host.cli.calibrate.fitting import Fitting, result_options
@@ -74,7 +74,7 @@ def ceiling(
     if source is not None:
         parts.append(calibrate_delay(fitting.gather(source, lambda _: [], mounted=False)[1]))
     name = ", ".join(str(each) for each in (pictures, source) if each) or "the ceiling camera"
-    fitting.conclude(both(*parts) if len(parts) == 2 else parts[0], name)
+    fitting.conclude(joined(parts), name)
 
 
 def _live(ceiling: Ceiling, seconds: float | None) -> FloatArray:
