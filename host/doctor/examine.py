@@ -7,8 +7,6 @@ from pathlib import Path
 from host.config import RobotConfig
 from host.cross_checks.checks import DEVICE
 from host.doctor import disk
-from host.doctor.colours import StripPictures
-from host.doctor.counted import too_often
 from host.doctor.findings import Finding, Level, failed, of_health
 from host.doctor.mountings import cameras_against_lidar
 from host.doctor.spin import Spin
@@ -44,10 +42,8 @@ def examine(
     spin: drives the wheels once the rest is watched; None: they stand.
     """
     disk_speed = disk.measure(folder)  # alone: nothing else is to wait for it
-    more, pictures = {COMPUTER: computer}, StripPictures(rig.cameras)
-    watched = watch(rig, more, seconds, spin.run if spin else None, progress)
+    watched = watch(rig, {COMPUTER: computer}, seconds, spin.run if spin else None, progress)
     found, settings = spin.findings(watched) if spin else ([], {})
-    found += pictures.findings(rig.config.camera)
     found = _sorted([*findings_of(watched, rig.config), *found])
     return Examined([*found, *_absent(rig), disk_speed], settings)
 
@@ -56,7 +52,6 @@ def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:
     """What was seen of devices that were watched, part by part."""
     found = [finding for health in watched.health.values() for finding in of_health(health)]
     found += [failed(part, error) for part, error in watched.failures.items()]
-    found += too_often(watched)
     found += own_body(watched, config.mocap.body)
     if watched.health.get("lidar") is not None and watched.health["lidar"].ok:
         found += missing_returns(watched.scans, config.lidar)

@@ -18,7 +18,7 @@ SECONDS = 12.0  # the lidar needs 5 s to get up to speed, and 5 s to show what c
 
 @dataclass
 class Watched:
-    """What came. health: the last of each device; first: the first that was ok.
+    """What came. health: the last of each device.
 
     failures: of devices that ended before their time, or did not end in time.
 
@@ -26,7 +26,6 @@ class Watched:
     """
 
     health: dict[str, Health] = field(default_factory=dict)
-    first: dict[str, Health] = field(default_factory=dict)
     scans: list[Scan] = field(default_factory=list)
     steps: list[Displacement] = field(default_factory=list)
     bearings: list[Bearings] = field(default_factory=list)
@@ -40,8 +39,6 @@ class Watched:
         with self._lock:
             if isinstance(message, Health):
                 self.health[message.device] = message
-                if message.ok:
-                    self.first.setdefault(message.device, message)
             elif isinstance(message, Scan):
                 self.scans.append(message)
             elif isinstance(message, Displacement):
@@ -50,12 +47,6 @@ class Watched:
                 self.bearings.append(message)
             elif isinstance(message, Bodies):
                 self.bodies.append(message)
-
-    def since(self, device: str) -> dict[str, int]:
-        """How far each count of a device went from its first good state to its last one."""
-        last = self.health[device].counts
-        before = self.first.get(device, self.health[device]).counts
-        return {name: count - before.get(name, 0) for name, count in last.items()}
 
 
 def watch(

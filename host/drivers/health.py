@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from host.drivers.counted import Counted
 from host.drivers.pace import Pace
 from host.messages import Health
 
@@ -10,13 +11,15 @@ class HealthReporter:
     """Makes the Health messages of one device.
 
     device: its name in them. clock: host time in s. period_s: how often an unchanged state is
-    repeated. pace: says each time how long the driver waits for its device.
+    repeated. pace: says each time how long the driver waits for its device. To what a driver says
+    of a device that is ok it adds what the counts of the last seconds say.
     """
 
     def __init__(self, device: str, clock: Callable[[], float], period_s: float = 1.0) -> None:
         self._device = device
         self._clock = clock
         self.pace = Pace(clock)
+        self._counted = Counted()
         self._period_s = period_s
         self._state: tuple[bool, str] | None = None
         self._next = 0.0
@@ -42,4 +45,6 @@ class HealthReporter:
             return
         # Judgements come once a period: one that is a little early must not wait for the next.
         self._state, self._next = (ok, reason), now + 0.9 * self._period_s
-        emit(Health(now, self._device, ok, reason, dict(counts())))
+        counted = dict(counts())
+        remarks = self._counted.remarks(now, ok, counted)
+        emit(Health(now, self._device, ok, "; ".join([reason, *remarks]), counted))

@@ -11,6 +11,7 @@ from host.drivers.camera.driver import TORN_SHARE, CameraDriver, Picture, many_t
 from host.errors import UserError
 from host.messages import Bearings, Health, Message
 from host.perception.strips.finder import StripFinder
+from host.sources.strip_colour import StripColour
 
 
 class StripCamera:
@@ -28,11 +29,13 @@ class StripCamera:
         self.watchers: list[Callable[[bytes, Bearings], None]] = []
         self._remark = remark
         self._finder = StripFinder(cameras, camera, name=name)
+        self._colour = StripColour(cameras.strip, camera)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit Bearings of each picture, and the driver's Health with the search's counts.
 
-        Health is not ok where the decoder finds many pictures damaged, or none has colour.
+        Health is not ok where the decoder finds many pictures damaged, or none has colour; it has
+        a remark where the strips' colour is nearly another.
         """
         before = Counter(self._finder.counts)
 
@@ -46,6 +49,7 @@ class StripCamera:
             bearings = self._finder.find(message.jpeg, message.time)
             if bearings is not None:
                 emit(bearings)
+                self._colour.take(message.jpeg, bearings)
                 for show in self.watchers:
                     show(message.jpeg, bearings)
 
@@ -59,8 +63,10 @@ class StripCamera:
             ok, reason = False, str(many_torn(torn / searched))
         elif ok and searched and news["pictures_colourless"] == searched:
             ok, reason = False, str(_colourless())
-        elif ok and self._remark:
-            reason += f", {self._remark}"
+        elif ok:
+            how, *remarks = reason.split("; ")
+            how += f", {self._remark}" if self._remark else ""
+            reason = "; ".join([how, *remarks, *self._colour.remarks()])
         return dataclasses.replace(health, ok=ok, reason=reason, counts={**health.counts, **counts})
 
 

@@ -7,10 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Cameras, RobotConfig, Strip
-from host.doctor.colours import StripPictures
-from host.doctor.findings import Finding, Level
+from host.config import RobotConfig, Strip
 from host.messages import Bearings
+from host.sources.strip_colour import StripColour
 
 SMALL = {"width_px": 640, "height_px": 360, "focal_px": 203.7}
 PLACES = np.array([[200.0, 180.0], [420.0, 170.0]])
@@ -28,26 +27,25 @@ def picture(hue_deg: float, seed: int) -> bytes:
     return bytes(cv2.imencode(".jpg", noisy)[1])
 
 
-def judged(hue_deg: float, strip: Strip) -> list[Finding]:
-    base = RobotConfig().camera
-    cameras = Cameras(front=base.front.model_copy(update=SMALL), strip=strip)
-    pictures = StripPictures([])
+def judged(hue_deg: float, strip: Strip) -> list[str]:
+    colour = StripColour(strip, RobotConfig().camera.front.model_copy(update=SMALL))
+    assert colour.remarks() == []
     for number in range(4):
         seen = Bearings(float(number), np.zeros(2), np.ones(2), camera="front", pixels=PLACES)
-        pictures.keep(picture(hue_deg, number), seen)
-    return pictures.findings(cameras)
+        colour.take(picture(hue_deg, number), seen)
+    return colour.remarks()
 
 
 @pytest.mark.parametrize("calibrated", [0.0, 8.0, 230.0])
 @pytest.mark.parametrize("off", [-15.0, -5.0, 0.0, 6.0, 16.0])
 def test_a_colour_near_the_end_of_its_range_is_named(calibrated: float, off: float) -> None:
     strip = Strip(pattern="one_colour", hue_deg=calibrated, hue_width_deg=40.0)
-    (finding,) = judged(calibrated + off, strip)
-    assert finding.part == "front camera"
-    assert finding.level == (Level.WARN if abs(off) > 10.0 else Level.OK)
-    (said,) = re.findall(r"(\d+) deg off", finding.what)
-    assert int(said) == pytest.approx(abs(off), abs=4)
-    assert finding.level == Level.OK or "swarmloc calibrate colour" in finding.next_step
+    remarks = judged(calibrated + off, strip)
+    assert len(remarks) == (abs(off) > 10.0)
+    for remark in remarks:
+        (said,) = re.findall(r"(\d+) deg off", remark)
+        assert int(said) == pytest.approx(abs(off), abs=4)
+        assert ": swarmloc calibrate colour" in remark
 
 
 def test_strips_of_two_colours_have_no_calibrated_one() -> None:
