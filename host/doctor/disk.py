@@ -1,4 +1,4 @@
-"""How fast the disk is where recordings go: a few megabytes written as the recorder writes them."""
+"""Whether recordings have a place: room, and a disk that is fast, by a few megabytes written."""
 
 import errno
 import itertools
@@ -9,12 +9,21 @@ from pathlib import Path
 
 from host.doctor.findings import Finding, Level, failed
 from host.errors import UserError
+from host.sources.recording import DELETE, OTHER_DISK, little_room, no_room
 
 PART = "disk"
 _PIECE, _PIECES = bytes(1 << 20), 8
 _SLOW, _TOO_SLOW = 4e6, 4e5  # bytes/s; a run with mocap and bearings records some 30 kB/s
 _LONG_S = 2.0  # of one flush: the queue of messages lasts 3 s
-_OTHER = "use another card or disk, or record to one: --record /path/on/it/FILE"
+
+
+def findings(folder: Path) -> list[Finding]:
+    """Of its speed, and of its room where there is little."""
+    full = no_room(folder)
+    if full is not None:
+        return [failed(PART, full)]
+    little = [Finding(PART, Level.WARN, *remark.rsplit(": ", 1)) for remark in little_room(folder)]
+    return [measure(folder), *little]
 
 
 def measure(folder: Path) -> Finding:
@@ -24,15 +33,15 @@ def measure(folder: Path) -> Finding:
     except OSError as error:
         step = "start swarmloc in a folder that can be written, or name one: --record FILE"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            step = "delete what is not needed (recordings: ls -S *.mcap), or record to another disk"
+            step = DELETE
         why = error.strerror or str(error)
         return failed(PART, UserError(f"nothing can be recorded in {folder.absolute()}", why, step))
     rate = len(_PIECE) * _PIECES / seconds
     what = f"writes {rate / 1e6:.3g} MB/s, at most {longest:.2f} s for 1 MB, to {folder.absolute()}"
     if rate < _TOO_SLOW or longest > _LONG_S:
-        return Finding(PART, Level.FAIL, f"too slow to record: it {what}", _OTHER)
+        return Finding(PART, Level.FAIL, f"too slow to record: it {what}", OTHER_DISK)
     if rate < _SLOW:
-        return Finding(PART, Level.WARN, f"slow: it {what}", _OTHER)
+        return Finding(PART, Level.WARN, f"slow: it {what}", OTHER_DISK)
     return Finding(PART, Level.OK, what)
 
 

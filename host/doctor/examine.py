@@ -41,11 +41,11 @@ def examine(
 
     spin: drives the wheels once the rest is watched; None: they stand.
     """
-    disk_speed = disk.measure(folder)  # alone: nothing else is to wait for it
+    of_disk = disk.findings(folder)  # alone: nothing else is to wait for it
     watched = watch(rig, {COMPUTER: computer}, seconds, spin.run if spin else None, progress)
     found, settings = spin.findings(watched) if spin else ([], {})
     found = _sorted([*findings_of(watched, rig.config), *found])
-    return Examined([*found, *_absent(rig), disk_speed], settings)
+    return Examined([*found, *_absent(rig), *of_disk], settings)
 
 
 def findings_of(watched: Watched, config: RobotConfig) -> list[Finding]:

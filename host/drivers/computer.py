@@ -1,7 +1,5 @@
-"""The robot's computer as a device: does it have time, power, coolness and room to go on?"""
+"""The robot's computer as a device: does it have time, power and coolness to go on?"""
 
-import os
-import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +15,6 @@ _PERIOD_S = 1.0
 _BUSY = 0.9  # share of all processors; the localizer then waits for its turn
 _WINDOW = 5  # periods over which they are judged
 _WARM_C, _HOT_C = 75.0, 90.0  # boards throttle from 80 to 95 deg C
-_LITTLE_BYTES, _NO_BYTES = 1e9, 1e8  # a recording takes some 100 MB an hour
 _LOW_CHARGE, _EMPTY_CHARGE = 20, 5  # per cent
 # Bits of the Raspberry Pi's firmware: what is wrong now, and has been since it started.
 _UNDERVOLTED, _THROTTLED = 0x1, 0xE
@@ -30,20 +27,18 @@ class Readings:
     """What the kernel says of a computer at a time; None where it does not say.
 
     busy, total: processor time since it started, in ticks. celsius: of the hottest place.
-    throttled: the Raspberry Pi's bits. free: bytes. charge: of a battery, per cent.
+    throttled: the Raspberry Pi's bits. charge: of a battery, per cent.
     """
 
     busy: int
     total: int
     celsius: float | None
     throttled: int | None
-    free: int
     charge: int | None
 
 
-def read(folder: Path, system: Path = Path("/sys"), processes: Path = Path("/proc")) -> Readings:
-    """Read them. folder: where recordings go; it, or one above it, exists."""
-    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+def read(system: Path = Path("/sys"), processes: Path = Path("/proc")) -> Readings:
+    """Read them."""
     ticks = [int(word) for word in _text(processes / "stat").split("\n")[0].split()[1:9]] or [0] * 8
     idle = ticks[3] + ticks[4]  # idle and waiting for a disk
     zones = (_number(path) for path in system.glob("class/thermal/thermal_zone*/temp"))
@@ -53,7 +48,6 @@ def read(folder: Path, system: Path = Path("/sys"), processes: Path = Path("/pro
         total=sum(ticks),
         celsius=max(known, default=None),
         throttled=_number(system / _THROTTLING, 16),
-        free=shutil.disk_usage(there).free,
         charge=_charge(system),
     )
 
@@ -87,12 +81,6 @@ def fault(now: Readings) -> UserError | None:
     """What ends a run soon, None where nothing does."""
     if now.celsius is not None and now.celsius >= _HOT_C:
         return UserError(f"it is {now.celsius:.0f} °C hot", "it slows down, or stops", _COLDER)
-    if now.free < _NO_BYTES:
-        return UserError(
-            f"only {now.free / 1e6:.0f} MB are free",
-            "a recording needs some 100 MB an hour",
-            "delete old recordings, or record to another disk",
-        )
     if now.charge is not None and now.charge <= _EMPTY_CHARGE:
         return UserError(f"its battery has {now.charge} % left", "", "charge it")
     return None
@@ -112,23 +100,19 @@ def remarks(now: Readings, busy: float) -> list[str]:
         found.append(f"its processors are slowed down: {_COLDER}")
     elif now.celsius is not None and now.celsius >= _WARM_C:
         found.append(f"it is {now.celsius:.0f} °C warm and slows down soon: {_COLDER}")
-    if now.free < _LITTLE_BYTES:
-        found.append(f"only {now.free / 1e6:.0f} MB are free: delete old recordings")
     if now.charge is not None and now.charge <= _LOW_CHARGE:
         found.append(f"its battery has {now.charge} % left: charge it")
     return found
 
 
 class Computer:
-    """`run` it in a thread. folder: where recordings go. look: reads it, `read` by default."""
+    """`run` it in a thread. look: reads it, `read` by default."""
 
     def __init__(
         self,
-        folder: Path | None = None,
         clock: Callable[[], float] = time.monotonic,
-        look: Callable[[Path], Readings] = read,
+        look: Callable[[], Readings] = read,
     ) -> None:
-        self._folder = folder or Path(os.curdir)
         self._look = look
         self._health = HealthReporter(COMPUTER, clock, _PERIOD_S)
 
@@ -136,7 +120,7 @@ class Computer:
         """Emit Health once a second until `stop` is set."""
         past: list[Readings] = []
         while not stop.is_set():
-            now = self._look(self._folder)
+            now = self._look()
             past = [*past, now][-_WINDOW - 1 :]
             busy = (now.busy - past[0].busy) / max(1, now.total - past[0].total)
             wrong = fault(now)
@@ -146,7 +130,7 @@ class Computer:
 
 
 def _in_words(now: Readings, busy: float) -> str:
-    words = [f"processors {100 * busy:.0f} % busy", f"{now.free / 1e9:.0f} GB free"]
+    words = [f"processors {100 * busy:.0f} % busy"]
     if now.celsius is not None:
         words.append(f"{now.celsius:.0f} °C")
     if now.charge is not None:

@@ -42,29 +42,44 @@ class BackgroundRecorder:
         self.pid = self._file.pid
         self._recorder = Recorder(path, header, self._file)
         self._lock = threading.Lock()
-        self._failure: Exception | None = None
+        self.failure: Exception | None = None  # that ended it
 
     def write(self, message: Message) -> None:
         """Record a message. Raises UserError where the recording has ended."""
         with self._lock:
-            if self._failure is not None:
-                raise self._failure
+            if self.failure is not None:
+                raise self.failure
             try:
                 self._recorder.write(message)
             except Exception as failure:
-                self._failure = failure
+                self.failure = failure
                 self._recorder.abandon()
                 raise
 
     def picture(self, jpeg: bytes, found: Bearings) -> None:
         """Record the picture in which bearings were found; left out where the disk lags."""
-        if self._failure is None and self._file.waiting < _PICTURES_BYTES:
+        if self.failure is None and not self.leaves_out_pictures:
             self.write(Picture(found.time, found.camera, jpeg))
+
+    @property
+    def written(self) -> int:
+        """How many bytes it has so far."""
+        return self._file.tell()
+
+    @property
+    def waiting(self) -> int:
+        """How many of them the disk is behind."""
+        return self._file.waiting
+
+    @property
+    def leaves_out_pictures(self) -> bool:
+        """Whether the disk is too far behind to record pictures, too."""
+        return self.waiting >= _PICTURES_BYTES
 
     def close(self) -> None:
         """End the recording. Raises UserError where that fails."""
         with self._lock:
-            if self._failure is None:
+            if self.failure is None:
                 self._recorder.close()
 
     def __enter__(self) -> Self:

@@ -12,15 +12,17 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from host.cross_checks.checks import CrossChecks
+from host.drivers.link.device import LINK
 from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
 from host.messages import Bearings, Measurement, Message, Positions
-from host.pipeline import Driver, Follower, Now, Pipeline, Sink
+from host.pipeline import Driver, Follower, Now, Pipeline, Sink, Source
 from host.recording.background import BackgroundRecorder
 from host.recording.log import RecordingHeader
 from host.sessions.figures import Delays, Tally, timing
+from host.sources.recording import RECORDING, RecordingHealth
 from host.sources.rig import Rig
 from host.systems.id_phd.naming import Naming
 
@@ -71,53 +73,36 @@ def run_devices(
     """Run until `stopped()`, for `seconds` or until the localizer fails.
 
     sinks, watchers: by the name that Health calls them; each gets every message, in the
-    localizer's thread. record: the recording to write. watch: called in this thread every
-    `watch_every_s`, and at the end. driver: drives the robot meanwhile. Raises UserError where the
-    recording cannot be begun.
+    localizer's thread. watch: called in this thread every `watch_every_s`, and at the end.
+    driver: drives the robot meanwhile. Raises UserError where recording cannot begin.
     """
     update_seconds: deque[float] = deque(maxlen=_TIMED_UPDATES)
     filter_ = profiles.make(rig.config.filter.profile, rig.config)
-    delays, shown = Delays(), watchers or {}
+    shown = _Shown(watchers or {}, None if rig.link is None else Naming())
+    delays, tally = Delays(), Tally()
 
     def note(measurement: Measurement, readings: Positions | Bearings) -> None:
         delays.note(measurement)
-        for watcher in shown.values():
-            watcher.take(readings)
+        shown.take(readings)
 
-    naming = None if rig.link is None else Naming()
-
-    def look(now: Now) -> None:
-        if naming is not None:
-            now = replace(now, names=naming.at(now.estimate.time))
-        for watcher in shown.values():
-            watcher.look(now)
-
-    followers: dict[str, Follower] = {"cross-checks": CrossChecks(rig.config)}
-    if naming is not None:
-        followers["naming"] = naming
     localizer = Localizer(rig.config, MonitoredFilter(filter_, update_seconds), note)
-    tally = Tally()
     with contextlib.ExitStack() as stack:
-        all_sinks: dict[str, Sink] = {"summary": tally.take}
-        if record is not None:
-            all_sinks["recording"] = stack.enter_context(_recorder(rig, record)).write
-        if rig.link is not None:
-            all_sinks["link"] = rig.link.take
-        all_sinks |= {name: watcher.take for name, watcher in shown.items()}
+        kept, sources = _recording(stack, rig, record)
         stack.enter_context(_short_pauses())
         begin, begin_cpu = time.monotonic(), time.process_time()
         with Pipeline(
             localizer,
-            rig.sources,
-            {**all_sinks, **sinks},
+            {**rig.sources, **sources},
+            {"summary": tally.take, **kept, **_linked(rig), **shown.sinks, **sinks},
             rig.truth,
-            followers=followers,
-            watch=look,
+            followers={"cross-checks": CrossChecks(rig.config), **shown.followers},
+            watch=shown.look,
             driver=driver,
         ) as pipeline:
             _watch(pipeline, begin + (seconds or math.inf), stopped, watch, watch_every_s)
         wall, cpu = time.monotonic() - begin, time.process_time() - begin_cpu
         watch()
+    board = {} if rig.simulated_board is None else {"simulated_board": rig.simulated_board}
     figures = {
         "seconds": round(wall, 1),
         **tally.figures(),
@@ -126,10 +111,45 @@ def run_devices(
         "latency_ms": delays.figures(),
         "cpu_share_of_one_core": round(cpu / wall, 2),
         "devices": tally.devices(),
+        **board,
     }
-    if rig.simulated_board is not None:
-        figures["simulated_board"] = rig.simulated_board
     return RunOutcome(figures, pipeline.failures)
+
+
+class _Shown:
+    """All watchers as one; what is known now has names where the link brings them."""
+
+    def __init__(self, watchers: Mapping[str, Watcher], naming: Naming | None) -> None:
+        self._watchers, self._naming = watchers, naming
+        self.sinks: dict[str, Sink] = {name: each.take for name, each in watchers.items()}
+        self.followers: dict[str, Follower] = {} if naming is None else {"naming": naming}
+
+    def take(self, readings: Positions | Bearings) -> None:
+        """Show what was found in a measurement."""
+        for watcher in self._watchers.values():
+            watcher.take(readings)
+
+    def look(self, now: Now) -> None:
+        """Show what is known now."""
+        if self._naming is not None:
+            now = replace(now, names=self._naming.at(now.estimate.time))
+        for watcher in self._watchers.values():
+            watcher.look(now)
+
+
+def _linked(rig: Rig) -> dict[str, Sink]:
+    """What sends this robot's odometry to the others."""
+    return {} if rig.link is None else {LINK: rig.link.take}
+
+
+def _recording(
+    stack: contextlib.ExitStack, rig: Rig, path: Path | None
+) -> tuple[dict[str, Sink], dict[str, Source]]:
+    """What records the run until `stack` is left, and what reports how that does."""
+    if path is None:
+        return {}, {}
+    recorder = stack.enter_context(_recorder(rig, path))
+    return {RECORDING: recorder.write}, {RECORDING: RecordingHealth(recorder, path)}
 
 
 def _recorder(rig: Rig, path: Path) -> BackgroundRecorder:
