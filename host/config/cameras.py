@@ -36,6 +36,29 @@ class Camera(Section):
     tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
     roll_rad: float = Field(0.0, ge=-math.pi, le=math.pi)  # clockwise, seen from behind
 
+    @model_validator(mode="before")
+    @classmethod
+    def _centre_is_the_middle(cls, data: Any) -> Any:
+        """Of a picture of another size, where a file does not say where it is."""
+        if not isinstance(data, dict):
+            return data
+        middles = {
+            centre: 0.5 * (data[size] - 1)
+            for centre, size in (("centre_x_px", "width_px"), ("centre_y_px", "height_px"))
+            if isinstance(data.get(size), int)
+        }
+        return {**middles, **data}
+
+    @model_validator(mode="after")
+    def _lens_before_the_picture(self) -> Self:
+        for centre, size in (("centre_x_px", "width_px"), ("centre_y_px", "height_px")):
+            if not -0.5 <= getattr(self, centre) <= getattr(self, size) - 0.5:
+                raise ValueError(
+                    f"{centre} ({getattr(self, centre):g}) must lie in the picture: {size} is "
+                    f"{getattr(self, size)}; its middle is {0.5 * (getattr(self, size) - 1):g}"
+                )
+        return self
+
 
 _ONE_COLOUR = {"height_m": 0.22, "tall_m": 0.04}  # the thesis' strip, where it differs
 _COLOUR_KEYS = ("hue_deg", "hue_width_deg", "saturation_min", "value_min")

@@ -2,12 +2,16 @@
 
 import ipaddress
 import math
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from host.config.cameras import Camera
 from host.config.section import Section, Text, listed
+
+# A name on the network, or an address of four numbers up to 255.
+_HOST = re.compile(r"((25[0-5]|2[0-4]\d|1?\d?\d)(\.(?!$)|$)){4}|(?![\d.]+$)[\w.-]+")
 
 
 class NatNet(Section):
@@ -24,6 +28,11 @@ class NatNet(Section):
     def _ports_and_group(self) -> Self:
         if self.command_port == self.data_port:
             raise ValueError(f"data_port must differ from command_port ({self.command_port})")
+        if not _HOST.fullmatch(self.server):
+            raise ValueError(
+                f"server ({self.server}) must be the address or the name of the computer with "
+                "Motive, as 192.168.0.100"
+            )
         try:
             multicast = ipaddress.IPv4Address(self.multicast_group).is_multicast
         except ValueError:
@@ -66,8 +75,8 @@ class Ceiling(Section):
     def _tags_below(self) -> Self:
         if self.tag_height_m >= self.eye.z_m:
             raise ValueError(
-                f"tag_height_m ({self.tag_height_m}) must be less than z_m of the camera in "
-                f"[mocap.ceiling.eye] ({self.eye.z_m}): it looks down on the tags"
+                f"tag_height_m ({self.tag_height_m}) must be less than eye.z_m ({self.eye.z_m}): "
+                "the camera looks down on the tags"
             )
         return self
 

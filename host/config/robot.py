@@ -4,11 +4,12 @@ Units stand in the names (`_m`, `_rad`, `_s`, ...). An unknown key, a wrong unit
 of range is an error that names the key, the line and the bound. Every value has a working default.
 """
 
+import math
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import ValidationError
+from pydantic import ValidationError, model_validator
 
 from host.config.cameras import Cameras
 from host.config.errors import explain_settings, explain_toml
@@ -32,6 +33,7 @@ _ONCE_OF_FILTERS = (
     "merge_distance",
     "capacity",
 )
+_SAME_VIEW_RAD = 0.1  # between the front and the rear camera: less is a slip
 
 
 class RobotConfig(Section):
@@ -46,6 +48,31 @@ class RobotConfig(Section):
     filter: FilterSettings = FilterSettings()
     mocap: Mocap = Mocap()
     link: LinkSettings = LinkSettings()
+
+    @model_validator(mode="after")
+    def _a_port_for_each(self) -> Self:
+        first: dict[str, str] = {}
+        for key, port in (
+            ("board.port", self.board.port),
+            ("lidar.port", self.lidar.port),
+            ("camera.front.source", self.camera.front.source),
+            ("camera.rear.source", self.camera.rear.source),
+            ("mocap.ceiling.eye.source", self.mocap.ceiling.eye.source),
+        ):
+            if port not in ("auto", "none") and first.setdefault(port, key) != key:
+                raise ValueError(f"{key} is that of {first[port]}, too ({port})")
+        return self
+
+    @model_validator(mode="after")
+    def _two_views(self) -> Self:
+        front, rear = self.camera.front, self.camera.rear
+        apart = math.remainder(front.heading_rad - rear.heading_rad, math.tau)
+        if "none" not in (front.source, rear.source) and abs(apart) < _SAME_VIEW_RAD:
+            raise ValueError(
+                f"camera.front.heading_rad ({front.heading_rad:g}) and camera.rear.heading_rad "
+                f"({rear.heading_rad:g}) must differ: as it is, both look the same way"
+            )
+        return self
 
 
 def recorded_config(content: dict[str, Any]) -> RobotConfig:
@@ -83,16 +110,16 @@ def parse_config(text: str, name: str = "robot.toml") -> RobotConfig:
     """Check and convert the text of a robot.toml; `name` is what errors call it."""
     try:
         return RobotConfig.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+    except ValidationError as error:
+        raise UserError(
+            f"{name}: {error.error_count()} setting(s) cannot be used",
+            explain_settings(error, RobotConfig, text),
+        ) from error
+    except ValueError as error:  # TOML's own, or a whole number of thousands of digits
         raise UserError(f"{name} is not valid TOML", explain_toml(error, text)) from error
     except RecursionError as error:
         raise UserError(
             f"{name} cannot be read",
             "brackets or tables are nested hundreds deep",
             "write it as in robots/cherokey.toml",
-        ) from error
-    except ValidationError as error:
-        lines = explain_settings(error, RobotConfig, text)
-        raise UserError(
-            f"{name}: {len(lines)} setting(s) cannot be used", "\n".join(lines[:5])
         ) from error

@@ -1,11 +1,13 @@
 """The settings of the wheels, the board that drives them and its motors, in robot.toml."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from host.config.section import Section, Text, registered
 from host.registry import BOARDS
+
+_LARGEST_RADIUS_RATIO = 1.5  # of a robot's left and right wheels
 
 
 class Wheels(Section):
@@ -25,6 +27,26 @@ class Wheels(Section):
     drift_noise_rad: float = Field(0.0158, ge=0.0, lt=1.0)  # std of the heading after 1 m
     max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
     max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
+
+    @model_validator(mode="after")
+    def _one_robot(self) -> Self:
+        small, large = sorted((self.left_radius_m, self.right_radius_m))
+        if large > _LARGEST_RADIUS_RATIO * small:
+            raise ValueError(
+                f"left_radius_m ({self.left_radius_m}) and right_radius_m ({self.right_radius_m}) "
+                "differ too much for one robot: is one of them a diameter?"
+            )
+        if large >= self.track_m:
+            raise ValueError(
+                f"track_m ({self.track_m}) must be more than the radius of a wheel ({large}): it "
+                "is the distance between the left and the right wheels"
+            )
+        if self.counts_per_turn < self.periods_per_turn:
+            raise ValueError(
+                f"counts_per_turn ({self.counts_per_turn}) must be periods_per_turn "
+                f"({self.periods_per_turn}) at least; 0 periods: not known"
+            )
+        return self
 
 
 class Board(Section):

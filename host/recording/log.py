@@ -259,7 +259,7 @@ def _header(path: Path, about: dict[str, Any], version: int) -> RecordingHeader:
         unknown = any(each["type"] == NOT_REGISTERED for each in error.errors())
         raise UserError(
             f"{path}: the configuration cannot be read",
-            "\n".join(explain_settings(error, RobotConfig)[:5]),
+            explain_settings(error, RobotConfig),
             "load the plugin it was made with: swarmloc --plugin FILE.py ..."
             if unknown
             else "use the swarmloc that wrote it",

@@ -26,8 +26,8 @@ FITTED = {
     "camera.front.tilt_rad": 0.80123,
 }
 SETTINGS = {
-    "wheels.left_radius_m": st.floats(0.01, 0.4),
-    "wheels.counts_per_turn": st.integers(4, 100_000),
+    "wheels.left_radius_m": st.floats(0.022, 0.048),
+    "wheels.counts_per_turn": st.integers(960, 100_000),
     "lidar.heading_rad": st.floats(-math.pi, math.pi),
     "lidar.delay_s": st.floats(0.0, 1.0),
     "lidar.clutter_per_m2": st.floats(1e-6, 99.0),

@@ -158,7 +158,8 @@ def test_the_line_is_that_of_the_right_block_among_several() -> None:
 def test_every_mistake_is_told_at_once_up_to_five() -> None:
     message = complaint("\n".join(f"{letter} = 1" for letter in "abcdefg"))
     assert message.startswith("my.toml: 7 setting(s)")
-    assert len(message.splitlines()) == 6
+    assert len(message.splitlines()) == 7
+    assert message.endswith("\nand 2 more")
 
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
@@ -281,6 +282,40 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
         ("x = {" + 2000 * "a={" + 2001 * "}" + "\n", "nested hundreds deep"),
         ('name = "a\\u001b[2J"\n', r"line 1: name: it holds the control character '\x1b'"),
         ('[board]\nport = "a\\u0007"\n', r"line 2: board.port: it holds the control character"),
+        ("[[lidar.blind_sectors]]\ncentre_rad = 0.1\ncentre_rad = 0.2\n", "line 3: lidar.blind_"),
+        ("name = “five”\n", "write straight quotes"),
+        ("name = 'five\n", "the quote at the end is missing"),
+        ("[motors]\nleft_reversed = True\n", "write true or false, in small letters"),
+        ("[wheels]\ntrack_m = 144 mm\n", "write the number alone"),
+        ("[wheels]\ntrack_m = .144\n", "write digits before and after the point"),
+        ("[lidar]\nheading_rad = pi/2\n", "write the result"),
+        ("wheels:\n  track_m: 0.1\n", "write = between a key and its value"),
+        ("[wheels\ntrack_m = 0.1\n", "a ] is missing"),
+        ("name = 'a'\n\0", "line 2: this is not a text file"),
+        ("[wheels]\ntrack_m = 1" + 400 * "0", "line 2: wheels.track_m = 1000"),
+        ("name = 1" + 5000 * "0", "5001 digits"),
+        ('"a\\u001b[2J" = 1\n', r"line 1: a\x1b[2J: no such setting"),
+        ("track_m = 0.1\n", "it belongs in [wheels]"),
+        ("[lidar.blind_sectors]\ncentre_rad = 0.1\n", "write [[lidar.blind_sectors]] above each"),
+        ("[lidar]\nblind_sectors = [1]\n", "write [[lidar.blind_sectors]] above its"),
+        ('[wheels]\ntrack_m = "144 mm"\n', "must be a number, without quotes and unit"),
+        ("[board]\nport = 'a'\n[lidar]\nport = 'a'\n", "line 4: lidar.port is that of board.port"),
+        (
+            "[camera.front]\nsource = 'a'\n[mocap.ceiling.eye]\nsource = 'a'\n",
+            "line 4: mocap.ceiling.eye.source is that of camera.front.source",
+        ),
+        (
+            "[camera.front]\nsource = 'a'\nheading_rad = 3.1\n[camera.rear]\nsource = 'b'\n",
+            "both look the same way",
+        ),
+        ("[wheels]\nleft_radius_m = 0.065\n", "line 2: wheels: left_radius_m (0.065) and"),
+        ("[wheels]\ntrack_m = 0.03\n", "line 2: wheels: track_m (0.03) must be more"),
+        ("[wheels]\ncounts_per_turn = 48\n", "line 2: wheels: counts_per_turn (48) must be"),
+        ("[mocap.natnet]\nserver = '192.168.0.300'\n", "must be the address or the name"),
+        (
+            "[camera.front]\nwidth_px = 640\ncentre_x_px = 959.5\n",
+            "line 3: camera.front: centre_x_px (959.5) must lie in the picture",
+        ),
         ("[lidar]\nheading_rad = 45\n", "45 deg are 0.785398 rad"),
         ("[wheels]\nleft_radius_m = 32.5\n", "32.5 mm are 0.0325 m"),
         ("[lidar]\ndelay_s = 150\n", "150 ms are 0.15 s"),
@@ -288,6 +323,16 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
 )
 def test_what_cannot_be_meant_is_said_by_its_line_with_a_hint(text: str, words: str) -> None:
     assert words in complaint(text)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.144", "7", "1e30", f"{10**30}"])
+def test_another_unit_is_named_only_where_it_fits_the_bounds(value: str) -> None:
+    assert " mm are " not in complaint(f"[wheels]\ntrack_m = {value}\n")
+
+
+def test_the_centre_of_a_lens_is_the_middle_of_its_picture_unless_it_is_given() -> None:
+    front = parse_config("[camera.front]\nwidth_px = 640\nheight_px = 480\n").camera.front
+    assert (front.centre_x_px, front.centre_y_px) == (319.5, 239.5)
 
 
 def test_sectors_that_leave_a_view_pass() -> None:
