@@ -46,7 +46,9 @@ _UNITS = (
     {"degrees": 180.0 / math.pi, "radians": math.pi / 180.0},
 )
 _UNIT_RATIO = 0.5  # of the logarithms of two factors that are one unit
-_SHOWN_DRIFT = 5e-4
+_SHOWN_DRIFT, _SHOWN_FACTOR = 5e-4, 0.2
+_WIDEST_FACTOR = math.log(5.0)  # by which the wheels' geometry may be off
+_INTERVALS_S, _LONGEST_S = (2e-4, 0.5), 1e5  # of a tracker's rows, and of its paths
 _NOISE_FLOOR = np.array([1e-3, 2e-3])
 
 
@@ -54,10 +56,11 @@ _NOISE_FLOOR = np.array([1e-3, 2e-3])
 class ClockAlignment:
     """The robot's time of a tracker's time t: t + offset + drift (t - middle).
 
-    offset, sigma s; drift s/s. explained: of the squared speed and heading rate, 0 to 1; 1 of one
+    first: that of the tracker's path, s. offset, sigma s; drift s/s. explained: of the squared speed and heading rate, 0 to 1; 1 of one
     that is nearly zero. factors: the tracker's speed and heading rate over the wheels'.
     """
 
+    first: float
     offset: float
     drift: float
     middle: float
@@ -71,11 +74,15 @@ class ClockAlignment:
         drift = (
             f", its clock is {abs(100.0 * self.drift):.2f} % {'fast' if self.drift < 0 else 'slow'}"
         )
+        begin = self.host_times(np.array([self.first]))[0]
+        faster = abs(self.factors[0])
+        other = f"; it drives {faster:.2f} times as fast as they say"
         return (
-            f"aligned by the wheels: its 0 s is at {self.host_times(np.zeros(1))[0]:.3f} s of the "
+            f"aligned by the wheels: its {self.first:.12g} s is at {begin:.3f} s of the "
             f"recording's clock, ± {1e3 * self.sigma:.1f} ms"
             f"{drift if abs(self.drift) > _SHOWN_DRIFT else ''}; they explain {rate:.1f} % of its "
             f"rotations, {speed:.1f} % of its speeds"
+            f"{other if abs(math.log(max(faster, 1e-9))) > _SHOWN_FACTOR else ''}"
         )
 
     def host_times(self, times: FloatArray) -> FloatArray:
@@ -105,7 +112,8 @@ def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
     result = _refine(tracked, wheels, host)
     rate = float(np.nanmean(np.abs(wheels.at(wheels.grid())[:, 1])))
     if result.explained[0] >= _LEAST_EXPLAINED:  # else it is another drive's
-        slip = frame_slip(path, rate, result.factors[1])
+        known = result.explained[1] >= _LEAST_EXPLAINED
+        slip = frame_slip(path, rate, result.factors[1] if known else math.nan)
         if slip is not None:
             raise _refused(path, *slip)
     _check(path, result, float(np.ptp(found.alike)))
@@ -113,6 +121,7 @@ def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
 
 
 def _moving_rates(path: BodyPath, moved: BodyPath, who: str) -> Rates:
+    _check_times(path, moved, who)
     if len(moved.times) < 2 or moved.times[-1] - moved.times[0] < LEAST_OVERLAP_S:
         raise _refused(path, f"{who} was seen for less than {LEAST_OVERLAP_S:.0f} s")
     rates = Rates(moved)
@@ -120,6 +129,26 @@ def _moving_rates(path: BodyPath, moved: BodyPath, who: str) -> Rates:
     if not np.any(sizes > MOVING):
         raise _refused(path, f"{who} hardly moves")
     return rates
+
+
+def _check_times(path: BodyPath, moved: BodyPath, who: str) -> None:
+    """Raise UserError for times that are in other units than s."""
+    if len(moved.times) < 2:
+        return
+    interval, length = float(np.median(np.diff(moved.times))), float(np.ptp(moved.times))
+    if not _INTERVALS_S[0] <= interval <= _INTERVALS_S[1]:
+        raise _refused(
+            path,
+            f"{who} was seen every {interval:.3g} s, from first to last for {length:.3g} s",
+            "say the unit of the file's times with --truth-units, as ms,m,rad; or track it more "
+            f"often than every {_INTERVALS_S[1]:g} s",
+        )
+    if length > _LONGEST_S:
+        raise _refused(
+            path,
+            f"{who} was seen from {moved.times[0]:.12g} s to {moved.times[-1]:.12g} s",
+            "remove the lines whose times are wrong",
+        )
 
 
 def _refine(
@@ -166,6 +195,7 @@ def _refine(
     explained = np.clip(1.0 - left, 0.0, 1.0)
     ends = host(np.array([middle, middle + 1.0]))
     return ClockAlignment(
+        first=float(tracked.first),
         offset=float(ends[0] + values[0] - middle),
         drift=float(ends[1] - ends[0] - 1.0 + values[1]),
         middle=middle,
@@ -197,7 +227,8 @@ def _check(path: BodyPath, found: ClockAlignment, apart: float) -> None:
             path,
             f"at the best offset the wheels explain {100 * rate:.0f} % of its rotations "
             f"and {100 * speed:.0f} % of its speeds",
-            "see that the file is of this drive, and that the body named is this robot's",
+            "see that the file is of this drive, that the body named is this robot's, and that "
+            "lines at which it was lost are blank",
         )
     if apart > _WIDEST_S:
         raise _refused(
@@ -217,13 +248,15 @@ def _check(path: BodyPath, found: ClockAlignment, apart: float) -> None:
 
 def _check_units(path: BodyPath, found: ClockAlignment) -> None:
     for factor, what, words in zip(found.factors, ("speed", "rotation"), _UNITS, strict=True):
-        for unit, ratio in words.items():
-            if abs(math.log(max(abs(factor), 1e-9) / ratio)) < _UNIT_RATIO:
-                raise _refused(
-                    path,
-                    f"its {what} is {abs(factor):.3g} times that of the wheels",
-                    f"it looks like {unit}: say the file's units with --truth-units",
-                )
+        size = math.log(max(abs(factor), 1e-9))
+        units = [u for u, ratio in words.items() if abs(size - math.log(ratio)) < _UNIT_RATIO]
+        if units or abs(size) > _WIDEST_FACTOR:
+            looks = f"it looks like {units[0]}: say" if units else "say"
+            raise _refused(
+                path,
+                f"its {what} is {abs(factor):.3g} times that of the wheels",
+                f"{looks} the file's units with --truth-units (an export of Motive says its own)",
+            )
 
 
 def _refused(path: BodyPath, why: str, next_step: str = "") -> UserError:

@@ -23,7 +23,7 @@ def frame_slip(path: BodyPath, wheels_rate: float, rate_factor: float) -> tuple[
     """What is wrong with a file's axes or headings, and what to do; None where nothing is.
 
     wheels_rate (rad/s): how fast the robot rotates by its wheels, on average, either way.
-    rate_factor: the file's rotation over that of the wheels.
+    rate_factor: the file's rotation over that of the wheels; nan where that is not known.
     """
     heading = path.poses[:, 2]
     if wheels_rate > MOVING[1] and np.ptp(np.unwrap(heading)) < MOVING[1]:

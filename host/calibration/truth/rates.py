@@ -32,6 +32,11 @@ class Rates:
         gap = max(_GAP_S, _GAP_INTERVALS * float(np.median(steps)))
         self._holes = np.concatenate(([0], np.cumsum(steps > gap)))
 
+    @property
+    def first(self) -> float:
+        """When the path begins."""
+        return float(self._times[0])
+
     def at(self, times: FloatArray) -> FloatArray:
         """(n, 2) at `times` (n,) s."""
         ends = times + np.array([[-0.5], [0.5]]) * WINDOW_S
@@ -97,7 +102,7 @@ def search(seen: FloatArray, wheels: Rates, drift: float) -> Found:
         share = correlate(y, x, method="fft") ** 2 / np.maximum(xx * yy, 1e-3 * count**2 + 1e-9)
         unrelated = 1.0 - np.clip(share, 0.0, 0.9999)
         gain -= count * STEP_S / _CORRELATION_TIME_S * np.log(unrelated)
-        left[:, k] = unrelated * xx / np.maximum(count, 1.0) + _LEFT_FLOOR
+        left[:, k] = unrelated * np.maximum(xx, 0.0) / np.maximum(count, 1.0) + _LEFT_FLOOR
     gain[count * STEP_S < LEAST_OVERLAP_S] = 0.0
     return Found(drift, np.asarray(lags * STEP_S), gain, count * STEP_S, left)
 

@@ -69,19 +69,19 @@ class Bag:
         self.header = RecordingHeader(config, "lidar")
         self.remarks: list[str] = []
         self.share = 0.0
-        with self._opened() as reader:
+        with opened(self.path) as reader:
             self._chosen(reader)
 
     def messages(self) -> Iterator[Message]:
         """Scans, displacements and bodies, in the order of the bag."""
-        with self._opened() as reader:
+        with opened(self.path) as reader:
             chosen = self._chosen(reader)
             bodies = [self._source.own, *self._source.others]
             last: tuple[float, FloatArray] | None = None
             for connection, stamp, raw in reader.messages(connections=chosen):
                 self.share = (stamp - reader.start_time) / max(1, reader.duration)
                 message = reader.deserialize(raw, connection.msgtype)
-                time = _stamp(message, stamp)
+                time = stamp_s(message, stamp)
                 if connection.msgtype == SCAN:
                     yield _scan(message, time)
                 elif connection.msgtype == POSE:
@@ -121,34 +121,36 @@ class Bag:
         there = ", ".join(found) or "no topic of this type"
         return UserError(f"{self.path} has {what}", f"there is {there}", step or f"write {_SYNTAX}")
 
-    @contextlib.contextmanager
-    def _opened(self) -> Iterator[Any]:
-        try:
-            from rosbags.highlevel import AnyReader, AnyReaderError
-            from rosbags.rosbag1 import ReaderError as Reader1Error
-            from rosbags.rosbag2 import ReaderError as Reader2Error
-            from rosbags.typesys import Stores, get_typestore
-        except ImportError as error:
-            raise UserError(
-                "ROS bags cannot be read", "rosbags is missing", "pip install 'swarmloc[ros]'"
-            ) from error
-        try:
-            store = get_typestore(Stores.ROS2_HUMBLE)
-            with AnyReader([self.path], default_typestore=store) as reader:
-                yield reader
-        except (AnyReaderError, Reader1Error, Reader2Error, OSError) as error:
-            raise UserError(
-                f"cannot read the bag {self.path}",
-                str(error) or type(error).__name__,
-                "give a .bag file of ROS 1, or a folder or an .mcap file of ROS 2",
-            ) from error
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """A reader of rosbags. Raises UserError where there is no such package, or no such bag."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.rosbag1 import ReaderError as Reader1Error
+        from rosbags.rosbag2 import ReaderError as Reader2Error
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise UserError(
+            "ROS bags cannot be read", "rosbags is missing", "pip install 'swarmloc[ros]'"
+        ) from error
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=store) as reader:
+            yield reader
+    except (AnyReaderError, Reader1Error, Reader2Error, OSError) as error:
+        raise UserError(
+            f"cannot read the bag {path}",
+            str(error) or type(error).__name__,
+            "give a .bag file of ROS 1, or a folder or an .mcap file of ROS 2",
+        ) from error
 
 
 def _topics(reader: Any, kind: str) -> list[str]:
     return sorted({each.topic for each in reader.connections if each.msgtype == kind})
 
 
-def _stamp(message: Any, received_ns: int) -> float:
+def stamp_s(message: Any, received_ns: int) -> float:
     """The time in the header, or where there is none that of the bag, s."""
     stamp = message.header.stamp
     return float(stamp.sec + stamp.nanosec * 1e-9) or received_ns * 1e-9

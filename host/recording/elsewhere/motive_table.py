@@ -14,7 +14,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray, IntArray
-from host.recording.elsewhere.text_table import number_of, read_rows
+from host.recording.elsewhere.text_table import is_comment, number_of, read_rows
 
 FORMATS = ("1.21", "1.22", "1.23", "1.24", "1.25")
 UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
@@ -51,12 +51,24 @@ class Table:
     values: FloatArray
 
 
+def is_motive(path: Path) -> bool:
+    """Whether a file is an export of Motive, of whichever format. Raises UserError for no text."""
+    rows, _ = read_rows(path, "give a CSV export of Motive, or a CSV with named columns")
+    return bool(rows) and rows[_begin(rows)][:1] == ["Format Version"]
+
+
+def _begin(rows: list[list[str]]) -> int:
+    """Index of the first row that is neither blank nor a comment; 0 where all are."""
+    return next((k for k, row in enumerate(rows) if not is_comment(row)), 0)
+
+
 def read_table(path: Path) -> Table:
     """Read every cell of an export. Raises UserError naming line or column of what is wrong."""
     rows, ended = read_rows(path, "give the path of a CSV export of Motive")
-    header = _header(rows[0] if rows else [], path)
+    begin = _begin(rows)
+    header = _header(rows[begin] if rows else [], path)
     first = _frame_row(rows, path)
-    columns, start = _columns(rows[1 : first + 1], path)
+    columns, start = _columns(rows[begin + 1 : first + 1], path)
     numbers = _numbers(rows, first, start, path)
     _check_whole(header, numbers, path)
     if not ended:  # Motive ends every line, so the last number may be cut

@@ -18,19 +18,26 @@ _DELIMITERS = ",;\t"
 def read_rows(path: Path, next_step: str) -> tuple[list[list[str]], bool]:
     """The cells of each line, and whether the last line is ended.
 
-    The delimiter is the first of comma, semicolon and tab in the first line that is not blank.
+    The delimiter is the first of comma, semicolon and tab in the first line that is
+    neither blank nor a comment.
     next_step: of the UserError where the file cannot be read as a table.
     """
     try:
         data = path.read_bytes()
         text = data.decode(_encoding(data))
-        first = next((line for line in text.splitlines() if line.strip()), "")
+        lines = (line for line in text.splitlines() if line.strip(_DELIMITERS + " "))
+        first = next((line for line in lines if not line.lstrip().startswith("#")), "")
         delimiter = next((letter for letter in first if letter in _DELIMITERS), ",")
         rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not a text file"
         raise UserError(f"cannot read {path}", why or str(error), next_step) from error
     return rows, text.endswith(("\n", "\r"))
+
+
+def is_comment(row: list[str]) -> bool:
+    """Whether a row holds nothing, or begins with #."""
+    return not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#")
 
 
 def _encoding(data: bytes) -> str:

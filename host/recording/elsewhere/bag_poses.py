@@ -1,0 +1,78 @@
+"""Poses of bodies in ROS bags, 1 and 2, whoever tracked them.
+
+A body is a topic of PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped, or a child
+frame in the transforms of a topic of TFMessage. Needs the extra `ros` (rosbags).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from host.messages import FloatArray
+from host.recording.elsewhere.bags import opened, stamp_s
+
+_TRANSFORM, _TRANSFORMS = "geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage"
+_KINDS = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+    _TRANSFORM,
+    _TRANSFORMS,
+)
+_ENDINGS = (".bag", ".mcap", ".db3")
+
+
+@dataclass(frozen=True, slots=True)
+class BagBody:
+    """One body: times (n,) s by its headers, ascending; positions (n, 3) m and quaternions (n, 4)
+    x, y, z, w, finite, in the tracker's frame."""
+
+    name: str
+    times: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is one of a bag, by its ending; those of ROS 2 are folders, too."""
+    return path.is_dir() or path.suffix in _ENDINGS
+
+
+def read_bag_bodies(path: Path) -> list[BagBody]:
+    """All bodies in a bag; rows that are no pose are left out. Raises UserError for no bag."""
+    rows: dict[str, list[list[float]]] = {}
+    with opened(path) as reader:
+        chosen = [each for each in reader.connections if each.msgtype in _KINDS]
+        for connection, received, raw in reader.messages(connections=chosen) if chosen else ():
+            message = reader.deserialize(raw, connection.msgtype)
+            for name, stamped, pose in _poses(message, connection):
+                time = stamp_s(stamped, received)
+                rows.setdefault(name, []).append([time, *pose])
+    return [_body(name, np.array(table)) for name, table in rows.items()]
+
+
+def _poses(message: Any, connection: Any) -> Iterator[tuple[str, Any, list[float]]]:
+    """Name, what carries the header, and x, y, z, qx, qy, qz, qw of each body in a message."""
+    if connection.msgtype in (_TRANSFORM, _TRANSFORMS):
+        single = connection.msgtype == _TRANSFORM
+        for each in [message] if single else message.transforms:
+            place, turn = each.transform.translation, each.transform.rotation
+            name = connection.topic if single else each.child_frame_id
+            yield name, each, [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+        return
+    pose = message.pose
+    while hasattr(pose, "pose"):  # with a covariance
+        pose = pose.pose
+    place, turn = pose.position, pose.orientation
+    yield connection.topic, message, [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+
+
+def _body(name: str, table: FloatArray) -> BagBody:
+    norms = np.linalg.norm(table[:, 4:], axis=1)
+    table = table[np.isfinite(table).all(axis=1) & (np.abs(norms - 1.0) < 0.1)]
+    times, first = np.unique(table[:, 0], return_index=True)
+    table = table[first]
+    return BagBody(name, times, table[:, 1:4], table[:, 4:])
