@@ -22,6 +22,7 @@ _KINDS = {
     "string_type": "text in quotes",
     "tuple_type": "a list of tables: write [[{key}]] above each",
 }
+_OPEN_QUOTE = r"=\s*(\"[^\"]*|'[^']*)$"
 # What a line that is not TOML looks like, and what to write instead.
 _SYNTAX = (
     (r"[“”„‘’«»]", 'write straight quotes, as name = "five"'),
@@ -29,7 +30,7 @@ _SYNTAX = (
     (r"^\s*[\w.-]+\s*:", "write = between a key and its value"),
     (r"^\s*\w+ +\w+\s*=", "write a key without spaces, as track_m"),
     (r"^\s*\[[^\]]*$", "a ] is missing"),
-    (r"=\s*(\"[^\"]*|'[^']*)$", "the quote at the end is missing"),
+    (_OPEN_QUOTE, "the quote at the end is missing"),
     (r"=\s*[-+]?\d+,\d", "write decimals with a point, as 0.5"),
     (r"=\s*[-+]?(\.\d|\d+\.(\D|$))", "write digits before and after the point, as 0.5"),
     (r"=\s*[-+]?0\d", "write the number without the 0 in front"),
@@ -127,7 +128,8 @@ def explain_toml(error: ValueError, text: str) -> str:
         if first != number:
             return f"line {number}: {'.'.join(path)} is set twice, first in line {first}"
     found = re.search(r"line (\d+)", str(error))
-    wrong = lines[int(found[1]) - 1 :][:1] if found else lines  # to the end: any of them
+    unclosed = [line for line in lines if re.search(_OPEN_QUOTE, line)]
+    wrong = lines[int(found[1]) - 1 :][:1] if found else unclosed
     hints = (words for each in wrong for pattern, words in _SYNTAX if re.search(pattern, each))
     return ": ".join([str(error), *itertools.islice(hints, 1)])
 

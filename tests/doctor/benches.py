@@ -197,7 +197,13 @@ def usb_camera_rig(fake: FakeCamera) -> Rig:
     """A robot that has a front camera only, behind the kernel's ioctls."""
     width, height = fake.size
     camera = CAMERA.model_copy(
-        update={"source": str(fake.path), "width_px": width, "height_px": height}
+        update={
+            "source": str(fake.path),
+            "width_px": width,
+            "height_px": height,
+            "centre_x_px": 0.5 * width,
+            "centre_y_px": 0.5 * height,
+        }
     )
     cameras = Cameras(front=camera)
     return Rig("camera", RobotConfig(camera=cameras), "lidar+camera", camera_sources(cameras))

@@ -12,6 +12,7 @@ from host.messages import Bearings
 from host.sources.strip_colour import StripColour
 
 SMALL = {"width_px": 640, "height_px": 360, "focal_px": 203.7}
+SMALL |= {"centre_x_px": 319.5, "centre_y_px": 179.5}
 PLACES = np.array([[200.0, 180.0], [420.0, 170.0]])
 
 

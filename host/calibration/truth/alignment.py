@@ -56,8 +56,9 @@ _NOISE_FLOOR = np.array([1e-3, 2e-3])
 class ClockAlignment:
     """The robot's time of a tracker's time t: t + offset + drift (t - middle).
 
-    first: that of the tracker's path, s. offset, sigma s; drift s/s. explained: of the squared speed and heading rate, 0 to 1; 1 of one
-    that is nearly zero. factors: the tracker's speed and heading rate over the wheels'.
+    first: that of the path, s. offset, sigma s; drift s/s. explained: of the squared speed and
+    heading rate, 0 to 1; 1 of one that is nearly zero. factors: the tracker's speed and heading
+    rate over the wheels'.
     """
 
     first: float
@@ -227,8 +228,11 @@ def _check(path: BodyPath, found: ClockAlignment, apart: float) -> None:
             path,
             f"at the best offset the wheels explain {100 * rate:.0f} % of its rotations "
             f"and {100 * speed:.0f} % of its speeds",
-            "see that the file is of this drive, that the body named is this robot's, and that "
-            "lines at which it was lost are blank",
+            "see that its headings are those of this robot, and that no symmetric pattern of "
+            "markers makes them jump"
+            if speed >= _LEAST_EXPLAINED
+            else "see that the file is of this drive, that the body named is this robot's, and "
+            "that lines at which it was lost are blank",
         )
     if apart > _WIDEST_S:
         raise _refused(

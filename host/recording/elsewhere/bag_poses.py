@@ -1,7 +1,7 @@
 """Poses of bodies in ROS bags, 1 and 2, whoever tracked them.
 
-A body is a topic of PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped, or a child
-frame in the transforms of a topic of TFMessage. Needs the extra `ros` (rosbags).
+A body is a topic of PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped, or a
+child frame in the transforms of a topic of TFMessage. Needs the extra `ros` (rosbags).
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,9 @@
 """Paths of bodies in a CSV with named columns: time, x, y, heading; body where there are several.
 
-For Vicon, Qualisys and home-made trackers. What stands above the names is passed over, other columns
-and comments are ignored. A name may have its unit beside it, as x [mm] or x_mm; for others, whoever
-reads the file says the unit. A row with a blank number, with nan or with nothing but zeros is one
-at which the body was lost.
+For Vicon, Qualisys and home-made trackers. Other columns, comments and what stands above the names
+are ignored. A name may have its unit beside it, as x [mm] or x_mm; the other units are said by
+whoever reads the file. A row with a blank number, with nan or with nothing but zeros is one at
+which the body was lost.
 """
 
 import math

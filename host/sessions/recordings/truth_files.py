@@ -39,9 +39,9 @@ def truth_file(text: str, units: Units, report: Callable[[str], None]) -> TruthF
     """FILE or FILE:BODY as written on the command line. Raises UserError where there is no file."""
     whole = Path(text)
     file, _, body = text.rpartition(":")
-    if whole.is_file() or not file:
+    if whole.exists() or not file:
         file, body = text, ""
-    if not Path(file).is_file():
+    if not Path(file).exists():
         raise UserError(f"there is no file {file}", "--truth names it", "write --truth FILE:BODY")
     return TruthFile(Path(file), body, units, report)
 

@@ -173,3 +173,37 @@ def test_a_body_that_is_turned_on_the_robot_or_driven_backwards_is_no_slip():
     speeds, rates = wandering(random)
     path, wheels = both(random, path_of(-speeds, rates), drift=0.0)
     align_clocks(path, wheels)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: 1e3 * t, "seen every 10 s"),
+        (lambda t: 1e9 * t, "seen every 1e\\+07 s"),
+        (lambda t: 1e-3 * t, "seen every 1e-05 s"),
+        (lambda t: np.concatenate(([-1.7e9], t[1:])), "seen from -1700000000 s to"),
+    ],
+)
+def test_times_in_other_units_are_said(change, words):
+    path, wheels = both(np.random.default_rng(1), path_of(*wandering(np.random.default_rng(1))))
+    with pytest.raises(UserError, match=words):
+        align_clocks(BodyPath("r", change(path.times), path.poses), wheels)
+
+
+def test_lengths_in_a_unit_that_nobody_knows_are_said_but_for_small_factors():
+    path, wheels = both(np.random.default_rng(2), path_of(*wandering(np.random.default_rng(2))))
+    for factor in (39.4, 12.0):
+        poses = path.poses * (factor, factor, 1.0)
+        with pytest.raises(UserError, match="times that of the wheels"):
+            align_clocks(BodyPath("r", path.times, poses), wheels)
+    feet = align_clocks(BodyPath("r", path.times, path.poses * (3.28, 3.28, 1.0)), wheels)
+    assert "times as fast as they say" in feet.words()
+
+
+def test_headings_that_jump_are_not_taken_for_exchanged_wheels():
+    path, wheels = both(np.random.default_rng(3), path_of(*wandering(np.random.default_rng(3))))
+    flipped = np.arange(len(path.times)) % 200 < 6
+    poses = path.poses + np.outer(flipped, (0.0, 0.0, math.pi))
+    with pytest.raises(UserError, match="of its rotations") as caught:
+        align_clocks(BodyPath("r", path.times, poses), wheels)
+    assert "exchange" not in str(caught.value)

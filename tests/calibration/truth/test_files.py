@@ -7,7 +7,7 @@ import pytest
 
 from host.calibration.truth.files import body_of, read_truth
 from host.errors import UserError
-from host.recording.elsewhere.named_columns import Units, units_of
+from host.recording.elsewhere.named_columns import BodyPath, Units, units_of
 
 PLAIN = "time,x,y,heading\n0.0,1.0,2.0,0.5\n0.1,1.5,2.0,0.6\n0.2,,,\n0.3,1.7,2.1,0.7\n"
 EXPORT = (
@@ -79,11 +79,42 @@ def test_units_bodies_comments_and_other_columns(file):
         ("time,x,y,heading\n0,0,0,0\n0,1,1,1\n", "line 3 .*\n.*does not come after"),
         ("time,x,y,heading\n0,0,zero,0\n", "line 2 .*\ny is no number: 'zero'"),
         ("time,x,y,heading\n0,0,0\n", "line 2 .*\n.*3 of 4 cells"),
+        ("time,x,y,heading\n0,00,1,20,1,35,0,01\n", "8 of 4 cells: do decimals stand after"),
+        ("0.0,1.0,2.0,0.1\n0.1,1.0,2.0,0.1\n", "no column is called time"),
+        ("time [h],x,y,heading\n0,0,0,0\n", "no column is called time\n.*time .h., x"),
     ],
 )
 def test_what_is_wrong_with_named_columns_is_named(file, text, words):
     with pytest.raises(UserError, match=words):
         read_truth(file(text), Units())
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "time [ms],x [cm],y [cm],heading [deg]",
+        "Time (ms), X (cm), Y (cm), Heading (deg)",
+        "time_ms,x_cm,y_cm,heading_deg",
+        "NO_OF_FRAMES,3\n\nA tracker's export\ntime [ms],x [cm],y [cm],heading [deg]",
+    ],
+)
+def test_units_beside_the_names(file, head):
+    (path,) = read_truth(file(f"{head}\n1000,20,10,90\n"), Units())
+    assert path.times.tolist() == [1.0]
+    assert path.poses[0] == pytest.approx([0.2, 0.1, math.pi / 2.0])
+
+
+@pytest.mark.parametrize("lost", ["0,0,0", "NA,NA,NA", "-,-,-", "nan,nan,nan", "1,inf,0", ",,"])
+def test_rows_without_the_body_are_left_out(file, lost):
+    text = f"time,x,y,heading\n0.0,1,2,3\n0.1,{lost}\n0.2,1,2,3\n"
+    (path,) = read_truth(file(text), Units())
+    assert path.times.tolist() == [0.0, 0.2]
+
+
+@pytest.mark.parametrize("above", ["# of today\n", "\n", ",,,\n"])
+def test_a_take_is_recognized_under_what_was_written_above_it(file, above):
+    (body,) = read_truth(file(above + export(*ROWS)), Units())
+    assert len(body.times) == 3
 
 
 @pytest.mark.parametrize("text", ["s,m", "s,m,turns", "h,m,rad", "s,m,rad,x"])
@@ -128,6 +159,9 @@ def test_a_body_that_is_not_there_is_answered_with_those_that_are(file):
     text = "time,x,y,heading,body\n0,0,0,0,a\n0,1,1,0,b\n"
     paths = read_truth(file(text), Units())
     assert body_of(paths, "b", "f.csv").name == "b"
-    for name in ("", "c"):
+    for name in ("", "c", "B"):
         with pytest.raises(UserError, match="bodies: a, b"):
             body_of(paths, name, "f.csv")
+    robots = [BodyPath(name, path.times, path.poses) for path in paths for name in ("A", "robot_2")]
+    with pytest.raises(UserError, match=r"f\.csv:robot_2"):
+        body_of(robots, "robot 2", "f.csv")
