@@ -271,7 +271,7 @@ def test_after_a_standstill_the_localizer_tells_once_what_it_did_a_second():
     with Pipeline(a_localizer(), sources, sinks, clock=lambda: now[0]):
         inbox.wait_for(lambda m: isinstance(m, Displacement) and m.time > 1.15)
     (told,) = inbox.of(Health)
-    assert told.reason.startswith("this computer is too slow: swarmloc stood still for 99.9 s")
+    assert told.reason.startswith("this computer is too slow: swarmloc was paused for 99.9 s")
     assert told.counts["estimates"] == 10
 
 

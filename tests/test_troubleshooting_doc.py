@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # Made of parts that the program fills in.
 FILLED = {
     "swarmloc needs Python 3.11 or newer": "swarmloc needs Python 3.",
-    "the left encoder is the other way round": "the other way round",
-    "the left motor is the other way round": "the other way round",
+    "the left encoder is reversed": " reversed",
+    "the left motor is reversed": " reversed",
     "late against the wheels": " against the wheels",
     "NAME has it open": "has it open",
     "it is not in the group dialout": "it is not in the group",

@@ -109,7 +109,7 @@ def disturb_lines() -> None:
 def simulate(name: str, seconds: float, pipe: Connection, together: "Barrier") -> None:
     """Lidar and cameras, or the board; through the pipe go the configuration and what cameras see.
 
-    The simulated chip takes half a core at this speed, so that it has a process of its own. The
+    The simulated chip takes half a core at this speed, so that it has its own process. The
     same seed makes the same world in both.
     """
     from host.config import RobotConfig

@@ -65,10 +65,10 @@ class Lidar(Section):
         if self.min_range_m >= self.max_range_m:
             raise ValueError(
                 f"min_range_m ({self.min_range_m}) must be less than max_range_m "
-                f"({self.max_range_m}): as it is, nothing is ever seen"
+                f"({self.max_range_m}): with these values nothing is ever detected"
             )
         if _free_view(self.field_of_view_rad, self.blind_sectors) < _LEAST_VIEW_RAD:
             raise ValueError(
-                "blind_sectors hide all of field_of_view_rad: as it is, nothing is ever seen"
+                "blind_sectors hide all of field_of_view_rad: nothing is ever detected"
             )
         return self

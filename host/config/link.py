@@ -38,7 +38,7 @@ class LinkSettings(Section):
                 "make one with: openssl rand -hex 16"
             )
         if len(set(self.key)) == 1:
-            raise ValueError("key is one character over and over: make one: openssl rand -hex 16")
+            raise ValueError("key repeats one character: make one with: openssl rand -hex 16")
         try:
             ipaddress.IPv4Address(self.address)
         except ValueError:

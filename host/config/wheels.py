@@ -58,7 +58,7 @@ class Board(Section):
 
 
 class Motors(Section):
-    """Which motors and encoders are wired the other way round, and how speeds are controlled.
+    """Which motors and encoders are reversed, and how speeds are controlled.
 
     The host sends these settings to the board at each connection. duty = (v + proportional * e +
     integral_per_s * sum of e over time) / full_speed, with the commanded speed v and the speed

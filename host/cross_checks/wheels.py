@@ -182,7 +182,7 @@ def _explained(verdicts: list[_Verdict]) -> UserError:
     what = f"the wheels report {reported}, the lidar sees {seen}"
     if kind == "mirrored":
         return UserError(
-            f"{what}: the rotation is the other way round",
+            f"{what}: the rotation is reversed",
             "the two encoders are exchanged, or the lidar is mounted upside down",
             "exchange the leads of the left and the right encoder; see docs/hardware.md",
         )

@@ -1,6 +1,6 @@
 """One wheel was driven forward: which one moved, which encoder counted, and which way?
 
-Signs are as the robot is set up now: what is found to be the other way round is to be toggled.
+Signs are as the robot is set up now: what is found reversed is to be toggled.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ def diagnose(test: WheelTest, motors: Motors) -> Diagnosis:
         return _other_wheel(test, test.seen, counted)
     if counted is None:
         return _bad(
-            f"the {name} wheel turned, but its encoder counted next to nothing",
+            f"the {name} wheel turned, but its encoder hardly counted",
             f"check the leads of the {name} encoder and its 5 V",
         )
     if counted != test.side:
@@ -98,7 +98,7 @@ def _which_way(side: int, moved_forward: bool, counted_forward: bool, motors: Mo
         if is_wrong
     ]
     verb = "are" if len(parts) == 2 else "is"
-    what = f"the {name} {' and the '.join(parts)} {verb} the other way round"
+    what = f"the {name} {' and the '.join(parts)} {verb} reversed"
     step = "in robot.toml set " + ", ".join(
         f"{key.partition('.')[2]} = {str(value).lower()}" for key, value in settings.items()
     )

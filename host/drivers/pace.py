@@ -37,7 +37,7 @@ class Pace:
         if seconds <= _MOST_S:
             return None
         return UserError(
-            f"this computer is too slow: swarmloc stood still for {seconds:.1f} s of late",
+            f"this computer is too slow: swarmloc was paused for {seconds:.1f} s",
             "other programs keep it busy, or it was suspended",
             "close other programs, or use fewer sensors (--sensors lidar)",
         )

@@ -4,8 +4,8 @@ FILE = "/etc/udev/rules.d/60-swarmloc.rules"  # before 73-seat-late.rules, which
 
 _SERIAL = 'GROUP="dialout", MODE="0660", TAG+="uaccess", ENV{ID_MM_DEVICE_IGNORE}="1"'
 RULES = f"""\
-# swarmloc: the robot's devices, for who sits at this computer (uaccess) and for the groups dialout
-# and video. ModemManager, which would talk to the serial ports, is kept off.
+# swarmloc: the robot's devices, for the user at this computer (uaccess) and for the groups dialout
+# and video. ModemManager, which would talk to the serial ports, is kept away.
 # The Romeo board, its sketch and its bootloader:
 ATTRS{{idVendor}}=="2341|2a03", ATTRS{{idProduct}}=="0036|8036", {_SERIAL}
 # The CP2102 on the adapter of a YDLidar X4:

@@ -61,7 +61,7 @@ def flash_image(elf: Path) -> bytes:
     try:
         data = elf.read_bytes()
         if not data.startswith(_MAGIC) or struct.unpack_from("<H", data, 18)[0] != _AVR:
-            raise UserError(f"cannot simulate {elf}", "it is no ELF file for an AVR", "")
+            raise UserError(f"cannot simulate {elf}", "it is not an ELF file for an AVR", "")
         return _loaded(data)
     except (OSError, struct.error) as error:
         raise UserError(f"cannot simulate {elf}", str(error), "build the firmware") from error
@@ -93,7 +93,7 @@ def _read(elf: Path) -> tuple[bytes, list[_Section], _Section]:
             return data, sections, sections[names]
     except (OSError, struct.error, IndexError) as error:
         raise UserError(f"cannot read {elf}", str(error), "build the firmware again") from error
-    raise UserError(f"cannot read {elf}", "it is no 32-bit ELF", "build the firmware again")
+    raise UserError(f"cannot read {elf}", "it is not a 32-bit ELF", "build the firmware again")
 
 
 def _text(data: bytes, start: int) -> str:

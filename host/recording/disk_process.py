@@ -1,4 +1,4 @@
-"""Writes what comes through a pipe to a file: a process of its own, which outlives the run.
+"""Writes what comes through a pipe to a file: its own process, which outlives the run.
 
 It may wait for a slow disk as long as that takes, and it writes what was handed to it even where
 the run is killed. Started as a script; it needs nothing but Python's own library.

@@ -26,7 +26,7 @@ class Observed(Protocol):
 
 
 class LiveCamera:
-    """The cameras of a running simulation, as a device: `run` it in a thread of its own."""
+    """The cameras of a running simulation, as a device: `run` it in its own thread."""
 
     def __init__(self, simulation: Observed) -> None:
         self._simulation = simulation

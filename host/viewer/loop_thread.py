@@ -1,4 +1,4 @@
-"""An event loop in a thread of its own, for as long as a `with` block lasts."""
+"""An event loop in its own thread, for as long as a `with` block lasts."""
 
 import asyncio
 import threading

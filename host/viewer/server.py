@@ -1,4 +1,4 @@
-"""The live page and its stream: a small web server in a thread of its own.
+"""The live page and its stream: a small web server in its own thread.
 
 The localizer's thread hands over a text and goes on; each reader gets the newest text when it is
 ready for one, so a slow reader skips and delays nobody.

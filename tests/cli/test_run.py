@@ -68,7 +68,7 @@ def test_a_run_that_is_starved_says_so_instead_of_blaming_devices_and_goes_on(on
         time.sleep(stopped_s)
         screen.send(signal.SIGCONT)
         time.sleep(0.1)
-    screen.wait_for(lambda text: "this computer is too slow: swarmloc stood still" in text)
+    screen.wait_for(lambda text: "this computer is too slow: swarmloc was paused" in text)
     screen.wait_for(lambda text: running.search(text) and "localizer DOWN" not in text)
     for words in ("check the", "check its", "unplugged", "another model", "cable"):
         assert words not in screen.written

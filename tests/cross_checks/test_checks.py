@@ -59,7 +59,7 @@ def test_all_is_well(scenario: str, standing: bool) -> None:
         ("no_encoder", "the wheels report that it stands", 12.0),
         ("left_encoder_dead", "the left wheel does not turn as its encoder says", 20.0),
         ("right_encoder_reversed", "the right wheel does not turn as its encoder says", 20.0),
-        ("encoders_exchanged", "the rotation is the other way round", 40.0),
+        ("encoders_exchanged", "the rotation is reversed", 40.0),
         ("cameras_exchanged", "front and rear camera are exchanged", 60.0),
         ("camera_moved", "deg to the left of the turrets", 60.0),
         ("camera_blind", "no camera sees a strip", 60.0),

@@ -180,7 +180,7 @@ FAULTS: dict[str, tuple[Make, str, Level, str, str]] = {
         "lidar",
         Level.FAIL,
         "packets are lost on the way",
-        "use no USB hub without a supply of its own",
+        "use no unpowered USB hub",
     ),
     "board on the lidar's port": (
         lambda bench: benches.lidar_rig(bench.plug(benches.board())),

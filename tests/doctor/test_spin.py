@@ -30,7 +30,7 @@ WIRINGS: dict[str, tuple[Wiring, Said, dict[str, bool]]] = {
     "swapped encoder channels, mirrored side": (
         Wiring(encoder=(-1, -1), motor=(1, -1)),
         [
-            ("the left encoder is the other way round", "left_encoder_reversed = true"),
+            ("the left encoder is reversed", "left_encoder_reversed = true"),
             ("the right motor and the encoder are", "right_reversed = true"),
         ],
         {
@@ -42,9 +42,9 @@ WIRINGS: dict[str, tuple[Wiring, Said, dict[str, bool]]] = {
     "reversed motor, dead encoder": (
         Wiring(motor=(-1, 1), encoder=(1, 0)),
         [
-            ("the left motor is the other way round", "left_reversed = true"),
+            ("the left motor is reversed", "left_reversed = true"),
             (
-                "the right wheel turned, but its encoder counted next to nothing",
+                "the right wheel turned, but its encoder hardly counted",
                 "check the leads of the right encoder",
             ),
         ],

@@ -32,7 +32,7 @@ def test_what_stood_still_for_long_is_named_until_devices_can_be_judged_again() 
     step(pace, clock, 0.5)
     assert pace.fault() is None
     step(pace, clock, 0.4)
-    assert "stood still for 0.8 s" in str(pace.fault())
+    assert "was paused for 0.8 s" in str(pace.fault())
     clock.now += 3.0
     assert pace.fault() is not None
     clock.now += 0.6

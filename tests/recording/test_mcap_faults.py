@@ -191,7 +191,7 @@ def test_what_cannot_be_repaired_is_said(tmp_path, whole):
 
 
 def test_killed_at_random_moments_it_loses_at_most_one_message():
-    """In a process of its own, which forks: this one may have threads."""
+    """In its own process, which forks: this one may have threads."""
     script = (
         "import sys, pathlib, tempfile\n"
         "from tools.kill_recordings import killed, what_a_run_records\n"

@@ -19,7 +19,7 @@ _NO_BANDWIDTH = (
 )
 _SILENT = (
     "it does not answer on its USB cable",
-    "unplug it and plug it in again; use a short cable, or a hub with a supply of its own",
+    "unplug it and plug it in again; use a short cable, or a powered hub",
 )
 _NO_CAMERA = (
     "it is not a camera",

@@ -138,7 +138,7 @@ class Controls:
             )
         elif exposure < (1.0 - TOLERANCE) * self._half_period:
             self._controls.remarks["light"] = (
-                f"exposure is {held} in so bright light: lamps may beat"
+                f"exposure is {held} in so bright light: lamps may flicker"
             )
 
     def _choose_gain(
@@ -173,7 +173,7 @@ class Controls:
         held = yield from self._next()
         if abs(held.warmth - look.warmth) > _JUMP:
             self._controls.remarks["white"] = (
-                "white balance held, but the colours jumped: learn the strip's colour anew"
+                "white balance held, but the colours jumped: calibrate the strip's colour again"
             )
 
     def _look(

@@ -36,7 +36,7 @@ class Picture:
 
 
 class CameraDriver:
-    """`run` it in a thread of its own.
+    """`run` it in its own thread.
 
     name: what Health calls it. camera: its source, size and rate. delay_s: from the exposure to the
     time stamp of a camera, or to the arrival where there is no stamp. mains_hz: of the lamps'
@@ -168,7 +168,7 @@ def many_torn(share: float) -> UserError:
     return UserError(
         f"{100 * share:.0f} % of the pictures arrive torn",
         "",
-        "use a short cable, or a hub with a supply of its own",
+        "use a short cable, or a powered hub",
     )
 
 

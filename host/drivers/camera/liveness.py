@@ -114,7 +114,7 @@ def _useless(look: Appearance) -> UserError | None:
         return UserError(
             f"{100 * look.white:.0f} % of the picture is white",
             "the light is too bright for the exposure, or a lamp shines into the lens",
-            "keep bright light from before the lens, and start again",
+            "keep bright light away from the lens, and start again",
         )
     if look.brightest < _BLACK:
         return UserError(

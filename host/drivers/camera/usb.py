@@ -144,7 +144,7 @@ class UsbCamera:
 
     def remarks(self) -> list[str]:
         """Whether its controls are held, and its time stamps of use."""
-        stamps = [] if self._stamps_true else ["its time stamps are of no use: arrival counts"]
+        stamps = [] if self._stamps_true else ["its time stamps are unusable: the arrival is used"]
         try:
             return stamps + self._controls.check(self._device)
         except OSError as error:
@@ -161,7 +161,7 @@ class UsbCamera:
         return UserError(
             f"{self._camera.source} gives no whole pictures",
             "its bytes come, but damaged: the cable is poor, or the hub too weak",
-            "use a short cable, or a hub with a supply of its own",
+            "use a short cable, or a powered hub",
         )
 
     def why_slow(self) -> tuple[str, str]:

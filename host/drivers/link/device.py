@@ -19,7 +19,7 @@ _RECENTLY_S = 3.0  # a robot that was heard within that time counts as heard
 
 
 class Link:
-    """One robot's link. `run` is meant for a thread of its own; `take` is a sink of the run.
+    """One robot's link. `run` is meant for its own thread; `take` is a sink of the run.
 
     clock: host time; calendar: seconds since 1970.
     """
@@ -126,7 +126,7 @@ class Link:
         if self._receiver.twins:
             return False, (
                 f"another robot has the number {self._settings.robot}, too\n"
-                "its odometry cannot be told from this one's\n"
+                "its odometry cannot be distinguished from this robot's\n"
                 "give each robot its own number in [link] of robot.toml"
             )
         if self._receiver.off_clock:

@@ -33,7 +33,7 @@ _WAIT_S = 0.02
 class NatNetClient:
     """One connection to Motive. config: [mocap.natnet]; clock: host time in s.
 
-    `run` is meant for a thread of its own.
+    `run` is meant for its own thread.
     """
 
     def __init__(self, config: NatNet, clock: Callable[[], float] = time.monotonic) -> None:

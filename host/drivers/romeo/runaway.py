@@ -98,7 +98,7 @@ def _still(wheels: list[int]) -> str:
         causes = "the motor supply is off or dipped, the encoders have no 5 V, or it is blocked"
     else:
         causes = "the encoder's lead is off, the wheel is blocked, or its motor has no supply"
-    return f"{_named(wheels)} was driven hard and its encoder counted next to nothing: {causes}"
+    return f"{_named(wheels)} was driven hard and its encoder hardly counted: {causes}"
 
 
 def _backward(wheels: list[int]) -> str:

@@ -207,7 +207,7 @@ class BoardSession:
         if now > self._last_report + PATIENCE_S:
             return False, "the board fell silent: check its power, press its reset button"
         if self._settings is None:
-            return False, "telling the board its settings"
+            return False, "sending the board its settings"
         return self._findings(identity, self._settings, now)
 
     def _findings(
@@ -216,7 +216,7 @@ class BoardSession:
         """Of a board that reports: what makes its reports or its motors useless, else remarks."""
         edges_fault, edges_remark = wrong_edges(identity, self._wheels)
         faults = [self._runaway.fault(now), edges_fault, self._checks.fault(now)]
-        stored = ", had no settings stored and has robot.toml's now" * self._lost_settings
+        stored = ", settings sent from robot.toml" * self._lost_settings
         remarks = [
             f"firmware {_version(identity)}{stored}",
             old_version(identity),
@@ -244,9 +244,9 @@ class BoardSession:
                 "still: greeting it again"
             )
         if now < self._connected + PATIENCE_S:
-            return "greeting the board"
+            return "waiting for the board to answer"
         if self._heard:
-            return f"it sends bytes but does not introduce itself as ours: {_FLASH}"
+            return f"it sends bytes, but not this firmware's: {_FLASH}"
         return "the board does not answer: press its reset button; if that does not help, " + _FLASH
 
     def counts(self) -> dict[str, int]:

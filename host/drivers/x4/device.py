@@ -179,7 +179,7 @@ class X4:
             raise UserError(
                 f"the lidar is a YDLidar {commands.OTHER_MODELS[info.model]}, not an X4",
                 f"its info reply has model code {info.model}",
-                "connect an X4 or X4 Pro; another model needs a driver of its own",
+                "connect an X4 or X4 Pro; another model needs its own driver",
             )
         if health is not None and health.status == 2:
             raise UserError(

@@ -143,7 +143,7 @@ class Liveness:
             what = f"{share:.1f} % of the ranges are zero: the laser hardly fires"
         return UserError(
             what,
-            "or something covers the whole window, or nothing stands within 10 m",
+            "or something covers the whole window, or nothing is within 10 m",
             "hold a hand 30 cm beside the lidar: if this stays, the lidar is broken",
         )
 
@@ -172,7 +172,7 @@ class Liveness:
         return UserError(
             f"only {rate:.0f} samples/s come, an X4 makes {SAMPLE_RATE_HZ:.0f}",
             "packets are lost on the way, or the lidar is another model",
-            "use no USB hub without a supply of its own, and close other programs on the port",
+            "use no unpowered USB hub, and close other programs on the port",
         )
 
     def _covered_sector(self) -> UserError | None:

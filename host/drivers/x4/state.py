@@ -40,7 +40,7 @@ def why_silent(refused: bytes, samples_came: bool, identity: Identity) -> UserEr
         )
     return UserError(
         "the lidar answers but sends no samples",
-        "its motor does not turn: it is powered by a lead of its own",
+        "its motor does not turn: it is powered by a separate lead",
         "connect the second USB lead (POWER, USB_PWR) to a supply of 1 A or more",
     )
 

@@ -19,7 +19,7 @@ from host.simulation.world.raycast import BeamsOf, straight_beams, x4_beams
 
 
 class Driver(Protocol):
-    """A device on its port, for a thread of its own."""
+    """A device on its port, for its own thread."""
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Emit what the device measures, and its Health, until `stop` is set."""

@@ -29,7 +29,7 @@ class LinkSenders:
     """Send while the `with` block lasts. settings: what a listener needs.
 
     poses: host time (s) → poses (n, 3) of all robots on the floor, the listener first; called from
-    a thread of its own. Robot k has the number k.
+    its own thread. Robot k has the number k.
     """
 
     def __init__(

@@ -81,7 +81,7 @@ def test_pictures_are_well_exposed_in_any_light(
     [
         (0.004, "the light is dim for 20 ms and the highest gain"),
         (500.0, "the light is too bright for 0.6 ms and the lowest gain"),
-        (6.0, "in so bright light: lamps may beat"),
+        (6.0, "in so bright light: lamps may flicker"),
     ],
 )
 def test_light_that_no_exposure_suits_is_named(usb: FakeCamera, light: float, words: str) -> None:

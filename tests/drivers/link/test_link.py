@@ -180,7 +180,7 @@ def test_two_robots_hear_each_other_by_broadcast():
     ("text", "says"),
     [
         ('[link]\nkey = "short"', "at least 16"),
-        (f'[link]\nkey = "{"a" * 20}"', "over and over"),
+        (f'[link]\nkey = "{"a" * 20}"', "repeats one character"),
         ('[link]\naddress = "everybody"', "broadcast"),
         ("[link]\nrobot = -1", "robot"),
         ("[link]\nport = 80", "port"),

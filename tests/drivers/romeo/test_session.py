@@ -202,7 +202,7 @@ def test_the_end_of_one_connection_does_not_spoil_the_next() -> None:
     session.receive(identity[:4], 0.1)
     session.connect(1.0)
     session.receive(identity, 1.1)
-    assert session.state(1.1) == (False, "telling the board its settings")
+    assert session.state(1.1) == (False, "sending the board its settings")
     session.receive(encode(settings_for(RobotConfig())), 1.2)
     assert session.state(1.2) == (True, "firmware 1.2.3")
 
@@ -236,11 +236,11 @@ def test_no_answer_and_foreign_answers_differ_in_words() -> None:
     line = Line(RomeoStandIn(driving, start=99.0))
     line.board.silent = True
     line.run(0.5)
-    assert line.state == (False, "greeting the board")
+    assert line.state == (False, "waiting for the board to answer")
     line.run(1.0)
     assert "does not answer" in line.state[1]
     line.session.receive(b"1920;1915\r\n1922;1917\r\n", line.now)
-    assert "does not introduce itself" in line.state[1]
+    assert "not this firmware's" in line.state[1]
     assert "run `swarmloc flash`" in line.state[1]
 
 
@@ -250,7 +250,7 @@ def test_lost_settings_are_told_while_the_board_works() -> None:
     line.run(1.0)
     ok, reason = line.state
     assert ok
-    assert "had no settings stored" in reason
+    assert "settings sent from robot.toml" in reason
     assert not line.board.settings_defaulted
 
 
