@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 Counts = Mapping[str, int]
 WINDOW_S = 30.0
 _SHARE = 0.01  # of packets, frames or pictures; ten times as much is a fault by the drivers
-_CABLE = "use a short cable, or a hub with a supply of its own"
+_CABLE = "use a short cable, or a powered hub"
 
 
 class Counted:
