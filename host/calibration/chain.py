@@ -41,11 +41,13 @@ class Chain:
         self.entries = dict(entries or {})
 
     def take(self, calibration: Calibration) -> None:
-        """Put the covariance of a fit in the place of an earlier one of its kind."""
+        """Put the covariance of a fit in the place of earlier ones of its values."""
         if calibration.joint is not None and np.isfinite(calibration.joint[1]).all():
             keys, covariance = calibration.joint
             settings = calibration.new_settings()
             values = np.array([settings[key] for key in keys])
+            for kind in [k for k, entry in self.entries.items() if set(entry.keys) <= set(keys)]:
+                del self.entries[kind]
             self.entries[calibration.kind] = Entry(keys, values, covariance)
 
     def covariance(self, config: RobotConfig, keys: Sequence[str]) -> FloatArray:

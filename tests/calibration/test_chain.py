@@ -83,3 +83,22 @@ def test_a_fit_that_is_not_finite_is_not_kept():
     known = Chain()
     known.take(vague)
     assert not known.entries
+
+
+def test_a_joint_fit_takes_the_place_of_the_fits_of_its_values():
+    known = Chain()
+    known.take(WHEELS)
+    lidar = Fitted(key="lidar.x_m", name="x", value=0.01, sigma=1.0, limit=1.0)
+    both = Calibration(
+        kind="joint",
+        fitted=(*WHEELS.fitted, lidar),
+        checks=(),
+        residuals="",
+        joint=((*BODY, "lidar.x_m"), np.full((4, 4), 1e-6) + 1e-6 * np.eye(4)),
+    )
+    known.take(both)
+    assert list(known.entries) == ["joint"]
+    moved = CONFIG.model_copy(update={"lidar": CONFIG.lidar.model_copy(update={"x_m": 0.01})})
+    assert known.covariance(moved, (BODY[0], "lidar.x_m"))[0, 1] == pytest.approx(1e-6)
+    known.take(WHEELS)
+    assert set(known.entries) == {"joint", "wheels"}

@@ -15,7 +15,7 @@ from host.calibration.camera.pairs import CAMERAS
 from host.calibration.camera.uncertainty import unseen
 from host.calibration.chain import LIDAR
 from host.calibration.gathered import Gathered
-from host.calibration.joint.fit import solve
+from host.calibration.joint.fit import Solution, solve
 from host.calibration.joint.problem import Problem, problem_of
 from host.calibration.joint.rows import rows_of
 from host.calibration.joint.verdict import moved, pictures, verdict
@@ -46,13 +46,18 @@ def calibrate(gathered: Gathered, sensors: Collection[SensorName] = SENSORS) -> 
         kind="joint",
         fitted=rows,
         checks=verdict(problem, solution),
-        residuals=f"{', '.join(problem.sensors)} together, turrets beside their bodies' pivots",
+        residuals=f"{', '.join(problem.sensors)} together, {_turrets_in_words(problem, solution)}",
         warnings=moved(rows, gathered),
         pictures=pictures(problem, solution, covariance),
         joint=(tuple(places), covariance[np.ix_(at, at)]),
         settings=settings_of(problem, solution.values, covariance),
         figures={"sensors": list(problem.sensors), "last_step_sigmas": solution.last_step},
     )
+
+
+def _turrets_in_words(problem: Problem, solution: Solution) -> str:
+    places = solution.values[problem.unknowns.turrets].reshape(-1, 2)
+    return f"turrets up to {1e3 * np.hypot(*places.T).max():.1f} mm beside their bodies' pivots"
 
 
 def keys_of(problem: Problem) -> dict[str, int]:

@@ -1,5 +1,8 @@
 """Lidar and cameras together, and the teammates' turrets that both see."""
 
+import copy
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -39,8 +42,9 @@ def near(ground: Ground) -> Camera:
 CAMERAS = Cameras(delay_s=0.15, front=near(FRONT), rear=near(REAR))
 
 
-def drive(seed: int, pivots: FloatArray = PIVOTS) -> Gathered:
-    """A drive whose motion capture has teammates' bodies at `pivots` (2, 2) on their robots."""
+@cache
+def drive(seed: int) -> Gathered:
+    """A drive whose motion capture has teammates' bodies at PIVOTS on their robots."""
     moved = gather(
         Drive(seconds=30.0), pairs=250, wrong=0.1, seed=seed, lidar_noise_m=0.004, camera=CAMERAS
     )
@@ -50,7 +54,7 @@ def drive(seed: int, pivots: FloatArray = PIVOTS) -> Gathered:
             frame.identities,
             np.column_stack(
                 (
-                    np.concatenate((frame.poses[:1, :2], to_parent(pivots, frame.poses[1:]))),
+                    np.concatenate((frame.poses[:1, :2], to_parent(PIVOTS, frame.poses[1:]))),
                     frame.poses[:, 2],
                 )
             ),
@@ -58,6 +62,11 @@ def drive(seed: int, pivots: FloatArray = PIVOTS) -> Gathered:
         for frame in moved.bodies
     ]
     return moved
+
+
+@cache
+def fit(seed: int) -> Calibration:
+    return calibrate(drive(seed), ["lidar", "camera"])
 
 
 def turrets_of(found: Calibration) -> tuple[FloatArray, FloatArray]:
@@ -68,7 +77,7 @@ def turrets_of(found: Calibration) -> tuple[FloatArray, FloatArray]:
 def test_pivots_beside_their_turrets_are_found_as_well_as_it_says() -> None:
     squares = []
     for seed in range(2):
-        found = calibrate(drive(seed), ["lidar", "camera"])
+        found = fit(seed)
         places, sigmas = turrets_of(found)
         assert (sigmas < 0.001).all(), seed
         squares.append(((places + PIVOTS.ravel()) / sigmas) ** 2)
@@ -95,6 +104,19 @@ def test_teammates_are_where_the_configuration_has_their_turrets() -> None:
         assert tracks.relative(body, times) == pytest.approx(true[:, k], abs=1e-4)
         own = tracks.mounted(np.zeros(3), {}).relative(body, times)
         assert np.hypot(*(own - true[:, k]).T) == pytest.approx(np.hypot(*PIVOTS[k]), rel=0.05)
+
+
+def test_all_delays_have_the_truth_s_own_uncertainty_in_common() -> None:
+    gathered, plain = copy.copy(drive(0)), fit(0)
+    gathered.truth_time_sigma = 0.004
+    late = calibrate(gathered, ["lidar", "camera"])
+    assert plain.joint is not None
+    assert late.joint is not None
+    keys = plain.joint[0]
+    delays = np.array([key.endswith("delay_s") for key in keys])
+    assert np.count_nonzero(delays) == 2
+    added = late.joint[1] - plain.joint[1]
+    assert added == pytest.approx(0.004**2 * np.outer(delays, delays), abs=1e-9)
 
 
 def test_without_a_teammate_there_is_nothing_that_sensors_share() -> None:
