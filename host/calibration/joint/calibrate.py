@@ -16,9 +16,10 @@ from host.calibration.camera.uncertainty import unseen
 from host.calibration.chain import LIDAR
 from host.calibration.gathered import Gathered
 from host.calibration.joint.fit import Solution, solve
+from host.calibration.joint.pictures import pictures
 from host.calibration.joint.problem import Problem, problem_of
 from host.calibration.joint.rows import rows_of
-from host.calibration.joint.verdict import moved, pictures, verdict
+from host.calibration.joint.verdict import moved, verdict
 from host.calibration.lidar.calibrate import UNSEEN
 from host.calibration.result import Calibration
 from host.calibration.wheels.model import LAGS
@@ -48,7 +49,7 @@ def calibrate(gathered: Gathered, sensors: Collection[SensorName] = SENSORS) -> 
         checks=verdict(problem, solution),
         residuals=f"{', '.join(problem.sensors)} together, {_turrets_in_words(problem, solution)}",
         warnings=moved(rows, gathered),
-        pictures=pictures(problem, solution, covariance),
+        pictures=pictures(problem, solution),
         joint=(tuple(places), covariance[np.ix_(at, at)]),
         settings=settings_of(problem, solution.values, covariance),
         figures={"sensors": list(problem.sensors), "last_step_sigmas": solution.last_step},

@@ -7,7 +7,7 @@ import numpy as np
 from host.calibration.gathered import Gathered
 from host.calibration.joint.fit import Prior, Solution, covariance_of, inverse_of
 from host.calibration.joint.problem import Problem
-from host.calibration.result import Check, Fitted, ReportPicture, Role, Series, at_most
+from host.calibration.result import Check, Fitted, at_most
 from host.messages import FloatArray
 
 _SETTLED, _APART = 0.1, 3.0  # sigmas
@@ -83,27 +83,4 @@ def moved(rows: tuple[Fitted, ...], gathered: Gathered) -> tuple[str, ...]:
     return (
         f"moved by more than {_MOVED:.0f} sigmas of its own fit: {', '.join(words)}; by itself a "
         "fit takes turrets for where their bodies' pivots are",
-    )
-
-
-def pictures(
-    problem: Problem, solution: Solution, covariance: FloatArray
-) -> tuple[ReportPicture, ...]:
-    """Where turrets are beside their pivots, by both sensors together and by each alone."""
-    part = problem.unknowns.turrets
-    x, y = 1e3 * solution.values[part].reshape(-1, 2).T
-    series = [Series(x=x, y=y, label="together", role="fitted")]
-    for name, (places, _) in turrets_by_sensor(problem, solution).items():
-        x, y = 1e3 * places.reshape(-1, 2).T
-        role: Role = "measured" if name == "lidar" else "front"
-        series.append(Series(x=x, y=y, label=f"{name} alone", role=role))
-    return (
-        ReportPicture(
-            title="turrets beside their bodies' pivots",
-            x_label="ahead, mm",
-            y_label="to the left, mm",
-            series=tuple(series),
-            caption="each turret in the frame of its body: the three marks of one lie together",
-            equal=True,
-        ),
     )
