@@ -1,7 +1,7 @@
 """One robot's localizer: puts messages in time order and drives one filter.
 
-Deterministic: it goes by the messages' own times alone, so the same messages in the same order
-give bit-identical estimates, live or replayed.
+Deterministic: it uses only the messages' own times, so the same messages in the same order give
+bit-identical estimates, live or replayed.
 """
 
 import copy
@@ -33,22 +33,22 @@ from host.perception.turrets import turrets
 AnyReadings = TypeVar("AnyReadings", bound=Positions | Bearings)
 
 _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
-_SILENT_S = 0.5  # odometry that says nothing for so long has ended: nobody waits for it any more
-_TOO_LATE_S = 1.0  # older than this a measurement says nothing about now
-_ALONE_S = 2.0  # without a measurement for so long the filter follows the odometry
-_LEAP_S = 10.0  # a message further ahead of all others is believed once a second one agrees
+_SILENT_S = 0.5  # after this silence of the odometry, measurements no longer wait for it
+_TOO_LATE_S = 1.0  # measurements older than this are dropped
+_ALONE_S = 2.0  # without a measurement for this long the filter follows the odometry alone
+_LEAP_S = 10.0  # a message further ahead of all others is used once a second one agrees
 
 
 def unnoticed(measurement: Measurement, readings: Positions | Bearings) -> None:
-    """A measurement whose use nobody asks about."""
+    """Default for `used`: ignore it."""
 
 
 class Localizer:
     """Feeds one filter with scans, positions, bearings and displacements.
 
-    A measurement waits until the odometry reaches its time. One that comes late (pictures do) is
-    carried through the odometry into the filter's present frame. A message that cannot be what it
-    claims to be is dropped: it changes nothing.
+    A measurement waits until the odometry reaches its time. A late one, as pictures are, is
+    transformed by the odometry into the filter's present frame. A malformed message is dropped and
+    changes nothing.
     """
 
     def __init__(
@@ -57,19 +57,17 @@ class Localizer:
         estimator: Filter,
         used: Callable[[Measurement, Positions | Bearings], None] = unnoticed,
     ) -> None:
-        """used: called with each measurement as it came, and the readings found in it (of a scan:
-        candidates), once its estimate is made.
-        """
+        """used: called after each estimate with the measurement and the readings found in it."""
         self.dropped = 0  # measurements that came too late
-        self.malformed = 0  # messages that cannot be what they claim to be
-        self.fault: str | None = None  # what was wrong with the last one of these
+        self.malformed = 0  # malformed messages
+        self.fault: str | None = None  # what was wrong with the last of these
         self.consistency = Consistency()
         self.odometry = OdometryGains(config.lidar)
         self.learnt = estimator.learnt if isinstance(estimator, Learning) else None
         self._config = config
         self._filter = estimator
-        self._unjudged: list[Scan] = []  # which the odometry is still to be compared with
-        self._recent: deque[Estimate] = deque(maxlen=8)  # of the time that pictures are late by
+        self._unjudged: list[Scan] = []  # not yet compared with the odometry
+        self._recent: deque[Estimate] = deque(maxlen=8)  # as far back as pictures are late
         self._used = used
         self._path = Path()
         self._waiting: list[tuple[float, int, Measurement]] = []
@@ -81,9 +79,9 @@ class Localizer:
         self.measured = -math.inf  # time of the newest measurement that was used
 
     def handle(self, message: Measurement | Displacement) -> list[Estimate]:
-        """Take in one message; return an estimate for each measurement that was used.
+        """Process one message; return an estimate for each measurement that was used.
 
-        After two seconds without any there is one a second, so that a watcher sees them age.
+        After two seconds without measurements there is one estimate per second, by odometry alone.
         """
         wrong = fault(message) or self._leap(message)
         if wrong is not None:
@@ -100,10 +98,10 @@ class Localizer:
         return self._release(self._until())
 
     def ahead(self, time: float) -> Estimate | None:
-        """What the filter would report at `time` (s) if nothing more came; None before it began.
+        """The filter's estimate predicted to `time` (s); None before the first measurement.
 
-        The filter itself stays where it is: what comes late is still used in its order. Where the
-        odometry is not there yet, the robot is taken to drive on.
+        The filter itself is not changed, so late measurements are still used in order. Beyond the
+        last odometry the robot's motion is extrapolated.
         """
         if not math.isfinite(self._time):
             return None
@@ -113,7 +111,7 @@ class Localizer:
         return filter_.estimate()
 
     def finish(self) -> list[Estimate]:
-        """Use what still waits for odometry: no more messages will come."""
+        """Use the measurements that still wait for odometry: no more messages will come."""
         return self._release(math.inf)
 
     def _drop(self, wrong: str) -> None:
@@ -121,9 +119,9 @@ class Localizer:
         self.fault = wrong
 
     def _leap(self, message: Measurement | Displacement) -> str | None:
-        """What is wrong with the time of a message, where it alone is far ahead of all others.
+        """The fault of a single message whose time is far ahead of all others, else None.
 
-        Believed, it would make whatever comes after it too late. The first message sets the clock.
+        Using it would make every later message too late. The first message sets the clock.
         """
         ahead = message.time - self._newest
         if not _LEAP_S < ahead < math.inf or abs(message.time - self._leapt) <= _LEAP_S:
@@ -132,15 +130,15 @@ class Localizer:
         return f"{type(message).__name__}: its time is {ahead:.1f} s ahead of all before it"
 
     def _until(self) -> float:
-        """Up to which time measurements wait for odometry no longer."""
+        """Measurements up to this time (s) no longer wait for odometry."""
         if self._newest - max(self._path.end, self._first) > _SILENT_S:
             return self._newest
         return max(self._path.end, self._newest - _PATIENCE_S)
 
     def _follow(self) -> list[Estimate]:
-        """Where nothing is measured, go with the odometry before the path forgets it.
+        """Without measurements, predict by the odometry before the path forgets it.
 
-        The filter stays so far behind that whatever is not too late comes in order.
+        The filter stays _TOO_LATE_S behind, so that measurements that are not too late fit in.
         """
         if not math.isfinite(self._time) or self._path.end <= self._time + _ALONE_S:
             return []
@@ -165,7 +163,7 @@ class Localizer:
         self._time = time
 
     def _use(self, measurement: Measurement) -> list[Estimate]:
-        """The estimate made of a measurement; none where what was found in it is malformed."""
+        """The estimate after a measurement; none if the readings found in it are malformed."""
         if measurement.time > self._time:
             self._predict(measurement.time)
         self.measured = max(self.measured, measurement.time)
@@ -179,7 +177,7 @@ class Localizer:
         except ValueError:
             wrong = fault(present)
             if wrong is None:
-                raise  # it is the filter that cannot go on
+                raise  # a fault of the filter, not of the message
             self._drop(wrong)
             return []
         self._compare(readings)
@@ -189,13 +187,13 @@ class Localizer:
         return [estimate]
 
     def _judge_odometry(self) -> None:
-        """Compare it with the last scans: the next motion needs that, no estimate waits for it."""
+        """Compare it with the last scans: before the next motion, after the estimates."""
         for scan in self._unjudged:
             self.odometry.take(scan, self._path)
         self._unjudged.clear()
 
     def _compare(self, readings: Positions | Bearings) -> None:
-        """Note how well the readings fit what was known before them."""
+        """Update the consistency statistics (NIS) with the readings."""
         if isinstance(readings, Positions):
             self.consistency.take_positions(readings, self._path)
         elif self._recent:
@@ -208,7 +206,7 @@ class Localizer:
 
 
 def carried(measured: AnyReadings, path: Path, time: float) -> AnyReadings:
-    """The same readings in the robot frame at a later `time` (s); they keep their lag."""
+    """The readings in the robot frame at a later `time` (s); their lag grows accordingly."""
     lag = time - measured.time
     if lag <= 0.0:
         return measured

@@ -1,4 +1,4 @@
-"""What flows through swarmloc: one frozen dataclass a kind.
+"""The messages between devices, localizer and sinks: one frozen dataclass per kind.
 
 Every message carries `time`: the host's monotonic time of the measurement (not of its arrival),
 in seconds. Lengths in metres, angles in radians, counter-clockwise positive, x forward, y left.
@@ -32,16 +32,16 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """What the lidar may have seen of teammates, in the robot frame at `time`.
+    """Detections of possible teammates as positions, in the robot frame at `time`.
 
     positions (n, 2) m, covariances (n, 2, 2) m².
     lags (n,) s: how long before `time` each reading was made; None: all at `time`.
-    clearance (k,) m: how far the lidar saw in each of k equal sectors that start at bearing -pi;
-    inf where nothing came back, 0 where it did not look; None from a sensor that cannot tell.
-    identities (n,): who was measured (-1 nobody), where a dataset knows; only the clairvoyant
-    filter of the evaluation reads it.
-    scores (n,): log likelihood ratio of a teammate against anything else, by how each looks; None
-    from a sensor that does not tell.
+    clearance (k,) m: free range in each of k equal sectors, the first at bearing -pi; inf without a
+    return, 0 where the sensor did not look; None if unknown.
+    identities (n,): the teammate that was measured (-1: none), if a data set has it; read only by
+    the clairvoyant filter.
+    scores (n,): log likelihood ratio of a teammate against any other object, by its shape; None if
+    unknown.
     """
 
     time: float
@@ -55,13 +55,13 @@ class Positions:
 
 @dataclass(frozen=True, slots=True)
 class Bearings:
-    """Directions in which the cameras saw a teammate's strip, in the robot frame at `time`.
+    """Directions of teammates' strips in one picture, in the robot frame at `time`.
 
     bearings (n,) rad, variances (n,) rad². origin (x, y) m: where the rays start.
-    lag s: how long before `time` they were seen (not 0 once the localizer has carried them).
-    identities as in `Positions`. view (centre, half width) rad: what the camera can see at all.
-    ranges (n,) m, range_variances (n,) m²: from `origin`, by the size of the strip in the picture.
-    camera: the camera that saw them, "front" or "rear"; pixels (n, 2): where in its picture.
+    lag s: age of the picture at `time` (0 until the localizer transforms it to the present).
+    identities: as in `Positions`. view (centre, half width) rad: the camera's field of view.
+    ranges (n,) m, range_variances (n,) m²: from `origin`, by the strip's size in the picture.
+    camera: "front" or "rear"; pixels (n, 2): positions in its picture.
     """
 
     time: float
@@ -79,11 +79,11 @@ class Bearings:
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """How the robot itself moved in the `interval` seconds that end at `time`.
+    """The robot's own motion in the `interval` (s) that ends at `time`.
 
-    dx, dy (m) and dpsi (rad): its new pose in its own frame at the start of the interval.
+    dx, dy (m) and dpsi (rad): the new pose in the robot frame at the start of the interval.
     translation_variance (m², per axis) and heading_variance (rad²) are the odometry's noise.
-    ticks: encoder counts (left, right) in the interval, where they are known.
+    ticks: encoder counts (left, right) in the interval, if known.
     """
 
     time: float
@@ -100,10 +100,10 @@ class Displacement:
 class Estimate:
     """Where the teammates are, in the robot frame at `time`.
 
-    positions (n, 2) m, covariances (n, 2, 2) m², weights (n,) expected teammates there,
-    ages (n,) s since the last reading, labels (n,): numbers that stay with an estimate while it
-    lives; they are rows on a screen, not identities. obstacles (k, 2) m with obstacle_covariances
-    (k, 2, 2) m²: what the lidar took for a teammate and is none, seen now or minutes ago.
+    positions (n, 2) m, covariances (n, 2, 2) m², weights (n,): expected number of teammates there,
+    ages (n,) s since the last reading. labels (n,): track numbers, constant while a track exists;
+    not the robots' identities. obstacles (k, 2) m with obstacle_covariances (k, 2, 2) m²: objects
+    that look like teammates to the lidar and are not, seen now or remembered.
     """
 
     time: float
@@ -118,9 +118,9 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class TeammateOdometry:
-    """How robot `identity` says over the link that it moved in the `interval` s that end at `time`.
+    """Motion that robot `identity` sent over the link, in the `interval` (s) that ends at `time`.
 
-    The rest as in `Displacement`. restarted: it began anew, what it sent before is void.
+    The rest as in `Displacement`. restarted: the sender restarted; its earlier motion is void.
     """
 
     time: float
@@ -142,10 +142,10 @@ class TeammateOdometry:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """Who the teammates of the estimate of `time` are, by the odometry that they send.
+    """Identities of the teammates in the estimate of `time`, by the odometry that they send.
 
-    labels (n,) of the estimate, with the robots' numbers: identities (n,); probabilities (n,);
-    headings (n,) rad, in the robot frame at `time`. Teammates that are not recognized are left out.
+    labels (n,) of the estimate; identities (n,): robot numbers; probabilities (n,); headings (n,)
+    rad, in the robot frame at `time`. Only recognized teammates.
     """
 
     time: float
@@ -166,7 +166,7 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where the other robots truly are, in the robot frame at `time`; never given to a filter.
+    """True positions of the other robots, in the robot frame at `time`; never given to a filter.
 
     identities (n,), positions (n, 2) m.
     """
@@ -178,10 +178,10 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """Where motion capture saw rigid bodies, in the floor's frame at `time` (of the exposure).
+    """Rigid bodies in one motion capture frame, in the floor frame at `time` (of the exposure).
 
-    identities (n,): their numbers. poses (n, 3): x, y (m) and heading (rad) of each body's own
-    origin. A body that is not tracked is left out. Never given to a filter.
+    identities (n,): their numbers. poses (n, 3): x, y (m) and heading (rad) of each body's origin.
+    Only tracked bodies. Never given to a filter.
     """
 
     time: float
@@ -191,10 +191,10 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How a device does. ok: it delivers. reason: in words, with the next step where it does not.
+    """State of a device. ok: it works. reason: a sentence for the user.
 
-    Of one that is ok: how it does and, each after "; ", what could be better. Of one that is not,
-    lines: what, why, the next step, as far as they are known.
+    If ok: its state and, each after "; ", what could be better. If not, lines: what happened, why,
+    the next step, as far as known.
     counts: what it accepted and dropped since it started, by name.
     """
 
@@ -207,9 +207,9 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class DeviceBytes:
-    """What a device sent, as it was read at `time`; empty where a connection to it begins.
+    """Bytes read from a device at `time`; empty at the start of a connection.
 
-    It comes before the messages that are made of it. device: "lidar" or "board".
+    Comes before the messages decoded from it. device: "lidar" or "board".
     """
 
     time: float
@@ -219,7 +219,7 @@ class DeviceBytes:
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Which device is connected. values: what it says of itself, by name, as "firmware"."""
+    """Which device is connected. values: what it reports about itself, by name, e.g. "firmware"."""
 
     time: float
     device: str

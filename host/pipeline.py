@@ -1,7 +1,7 @@
 """Sources → localizer → sinks: a thread per device, one for the localizer, a bounded queue between.
 
-A device that fails is reported as Health and the rest goes on; so is a sink. What the localizer
-consumed, in its order, and what it made of it, goes to every sink.
+A device or sink that fails is reported as Health, and the others continue. Every message that the
+localizer consumed, in its order, and every estimate goes to every sink.
 """
 
 import math
@@ -54,29 +54,28 @@ class Source(Protocol):
 
 
 class Driver(Source, Protocol):
-    """What drives the robot (`host.behaviour.driving`): a source that also listens."""
+    """Drives the robot (`host.behaviour.driving`): a source that also receives messages."""
 
     def take(self, message: Message, /) -> None:
-        """Note what a device measured, in its thread."""
+        """Receive a device's message, in that device's thread."""
 
     def know(self, estimate: Estimate, /) -> None:
-        """Note where teammates are now, ten times a second, in the localizer's thread."""
+        """Receive the present estimate, ten times per second, in the localizer's thread."""
 
 
 class Follower(Protocol):
-    """What makes messages of its own of those that go by (`CrossChecks`, `Naming`)."""
+    """Derives messages from those of the run (`CrossChecks`, `Naming`)."""
 
     def take(self, message: Message, /) -> Message | None:
-        """Note a message, or an estimate made of it, in the localizer's thread."""
+        """Receive a message or estimate, in the localizer's thread; may return a new message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Now:
     """What is known at this moment, whenever it was measured.
 
-    estimate: predicted to now, so that ages grow and what is not seen any more fades. measured s:
-    the time of the newest reading in it. truth: at the estimate's time, where it is known. names:
-    by label, of the teammates that are heard over the link and recognized.
+    estimate: predicted to now. measured: time (s) of the newest reading in it. truth: at the
+    estimate's time, if known. names: by label, of teammates recognized over the link.
     """
 
     estimate: Estimate
@@ -86,18 +85,17 @@ class Now:
 
 
 def unwatched(now: Now) -> None:
-    """A run of which nobody asks what is known now."""
+    """Default for `watch`: ignore it."""
 
 
 class Pipeline:
     """Runs from entry to exit of its `with` block.
 
-    sources, sinks: by the name that Health calls them. truth: where the teammates are at a time
-    (s), if that is known; it follows every estimate to the sinks. stop: set it to end the run; it
-    is set where the localizer fails. failures: by name, what ended a part before its time.
-    followers: by name; what they make goes to the sinks. watch: told ten times a second what is
-    known now, in the localizer's thread. driver: drives on what the devices measure and the
-    localizer knows.
+    sources, sinks, followers: by their name in Health; followers' messages go to the sinks. truth:
+    true positions at a time (s), if known; sent to the sinks after every estimate. stop: set it to
+    end the run; also set if the localizer fails. failures: by name, what ended a part early. watch:
+    called with the present knowledge ten times per second, in the localizer's thread. driver:
+    drives the robot meanwhile.
     """
 
     def __init__(
@@ -158,7 +156,7 @@ class Pipeline:
                     "the device or its driver in the kernel hangs",
                     "unplug it and plug it in again",
                 )
-        # A device that ignores `stop` and goes on must not keep the localizer from its end.
+        # A device that ignores `stop` must not keep the localizer running.
         self._queue.close()
         self._end = self._clock() + _DRAIN_S
         self._thread.join()
@@ -167,11 +165,11 @@ class Pipeline:
         try:
             source.run(self._take, self.stop)
         except Exception as error:
-            # Whatever it is, the other devices and the localizer go on without this one.
+            # Whatever it is, the other devices and the localizer continue.
             self._report_failure(name, error, self._queue.put)
 
     def _take(self, message: Message) -> None:
-        """A device's message; the driver gets it first, whatever the localizer is busy with."""
+        """Queue a device's message; the driver gets it at once, even if the localizer is busy."""
         if self._driver is not None and fault(message) is None:
             self._driver.take(message)
         self._queue.put(message)
@@ -204,7 +202,7 @@ class Pipeline:
 
     def _handle(self, message: Message) -> None:
         self._counts["messages"] += not isinstance(message, DeviceBytes)
-        # What is malformed the localizer counts; it is neither recorded nor compared.
+        # Malformed messages are counted by the localizer, and neither recorded nor compared.
         sound = fault(message) is None
         if sound:
             self._deliver(message)
@@ -214,7 +212,7 @@ class Pipeline:
             estimates = self._localizer.handle(message)
             self._busy_s += time.perf_counter() - start
             self._publish(estimates)
-        # Followers take milliseconds now and then, for which no estimate waits.
+        # After the estimate: followers sometimes take milliseconds.
         if sound:
             self._follow([message, *estimates])
 
@@ -248,7 +246,7 @@ class Pipeline:
                     self._deliver(each)
 
     def _look(self) -> None:
-        """Tell the watcher what is known now, when it is due."""
+        """Call the watcher and the driver with the present estimate, when it is due."""
         now = self._clock()
         unwatched_now = self._watch is unwatched and self._driver is None
         if unwatched_now or now < self._next_look:
@@ -263,7 +261,7 @@ class Pipeline:
         try:
             self._watch(Now(estimate, self._localizer.measured, truth))
         except Exception as error:
-            # As with a sink: who watches cannot end the run.
+            # As with a sink: a failed watcher does not end the run.
             self._watch = unwatched
             self._report_failure("watcher", error, self._deliver)
 
