@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.robust.statistics import plane_sigma
+from host.calibration.robust.statistics import check_rows, plane_sigma
 from host.errors import UserError
 from host.geometry import to_parent
 from host.messages import BoolArray, FloatArray
@@ -51,9 +51,11 @@ def align(
     """The rigid motion that takes points (n, 2) m to their partners (n, 2) with least squares.
 
     weights (n,): inverse variances up to a common factor; a pair of weight 0 is no inlier. Raises
-    UserError for fewer than three pairs, and where the points all lie in one place.
+    UserError for fewer than three pairs, and where the points all lie in one place; ValueError for
+    arrays of other shapes, numbers that are not finite, and negative weights.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    _check_numbers(from_points, to_points, weights)
     used = weights > 0.0
     if np.count_nonzero(used) < 3:
         raise UserError(
@@ -88,6 +90,16 @@ def align(
     )
 
 
+def _check_numbers(from_points: FloatArray, to_points: FloatArray, weights: FloatArray) -> None:
+    """Raise ValueError, in words, for what cannot be points and weights."""
+    count = len(from_points)
+    if not count:
+        raise ValueError("there are no points to align")
+    check_rows("points", from_points, (count, 2))
+    check_rows("partners", to_points, (count, 2))
+    check_rows("weights", weights, (count,), 0.0)
+
+
 def _covariance(
     source: FloatArray, rotated_middle: FloatArray, errors: FloatArray, weights: FloatArray
 ) -> FloatArray:
@@ -117,10 +129,11 @@ def align_robustly(
 
     error_m: the largest error (m) that a right pair may have; wrong ones need not have less. From
     a pose `start` (3,) the fit is repeated with the pairs near it alone, until they stay the same:
-    near is 3.5 times their own scatter, and `error_m` at most. Raises UserError as `align` does,
-    and where no three pairs agree.
+    near is 3.5 times their own scatter, and `error_m` at most. Raises UserError and ValueError as
+    `align` does, and UserError where no three pairs agree.
     """
     weights = np.ones(len(from_points)) if weights is None else np.asarray(weights, dtype=float)
+    _check_numbers(from_points, to_points, weights)
     errors = np.hypot(*(to_parent(from_points, start) - to_points).T)
     inliers = errors <= error_m
     found = _align_inliers(from_points, to_points, weights, inliers)

@@ -15,6 +15,19 @@ _NORMAL_MEDIAN = 0.6745  # of |x| of a standard normal x: sqrt(2) erfinv(1/2)
 _RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane vector of two of these: sqrt(2 ln 2)
 
 
+def check_rows(
+    name: str, rows: FloatArray, shape: tuple[int, ...], least: float = -math.inf
+) -> None:
+    """Raise ValueError, in words, for rows of another shape, not finite, or less than `least`."""
+    if np.shape(rows) != shape:
+        raise ValueError(f"{name} are an array {shape}, not {np.shape(rows)}")
+    wrong = ~(np.isfinite(rows) & (np.asarray(rows) >= least))
+    if wrong.any():
+        row = int(np.argwhere(wrong)[0, 0])
+        bound = f", {least:g} or more," if least > -math.inf else ""
+        raise ValueError(f"{name} are finite{bound} but row {row} is {rows[row]}")
+
+
 def normal_sigma(errors: FloatArray) -> float:
     """Standard deviation of normal errors (n,), some of them outliers, by their median."""
     return float(np.median(np.abs(errors))) / _NORMAL_MEDIAN

@@ -15,6 +15,7 @@ from host.calibration.robust.statistics import (
     bent_factor,
     block_sums,
     blocks_of,
+    check_rows,
     plane_sigma,
     sandwich,
 )
@@ -26,7 +27,7 @@ _TUKEY = 4.685  # 95 % efficient where errors are normal
 _ROUNDS, _SETTLED = 50, 1e-8
 _SLOPE_S = 0.01  # half the interval over which the true path's velocity is taken
 _LEAST_PAIRS = 12
-_SINGULAR = 1e-10
+_SINGULAR, _LEAST_SIGMA = 1e-10, 1e-12
 CORRELATED_S = 3.0  # errors further apart in time are taken to be independent
 
 
@@ -65,11 +66,16 @@ def scan(cost: Callable[[float], float], low: float, high: float, step: float) -
     """The cost of the best fit at each delay from `low` to `high` (s), every `step`.
 
     cost(delay): of everything else fitted at that delay, by a robust measure that does not change
-    with the delay (such as the mean of squared errors, each cut off at a fixed bound).
+    with the delay (such as the mean of squared errors, each cut off at a fixed bound). Raises
+    ValueError for no delays, and where the cost of one is not finite.
     """
+    if not (step > 0.0 and low <= high):
+        raise ValueError(f"no delays from {low} to {high} s every {step} s")
     count = round((high - low) / step) + 1
     delays = np.linspace(low, low + step * (count - 1), count)
-    return DelayCurve(delays, np.array([cost(float(delay)) for delay in delays]))
+    costs = np.array([cost(float(delay)) for delay in delays])
+    check_rows("costs", costs, (count,))
+    return DelayCurve(delays, costs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +107,17 @@ def fit_jointly(
     the things measured were in the robot frame, (n, 2) m at any times (n,); nan where unknown.
     start (5,): values to begin with, whose wrong pairs are less than half. Gauss-Newton with
     Tukey's weights; the covariance is a sandwich over blocks of 3 s, the errors' correlation time.
-    Raises UserError where fewer than 12 pairs have a truth.
+    Raises UserError where fewer than 12 pairs have a truth, ValueError for what can be no numbers
+    of readings.
 
     That all ranges are too long is fitted too: where teammates were not seen evenly all around,
     it would pass for a mounting that is off.
     """
-    values = np.array(start, dtype=float)
+    count, values = len(points), np.array(start, dtype=float)
+    check_rows("points", points, (count, 2))
+    check_rows("times", times, (count,))
+    check_rows("sigmas", sigmas, (count,), _LEAST_SIGMA)
+    check_rows("start values", values, (5,))
     for _ in range(_ROUNDS):
         errors, slopes, weights, _ = linearise(points, times, sigmas, truth, values)
         strength = weights / sigmas**2

@@ -126,6 +126,31 @@ def test_too_few_pairs_are_refused() -> None:
         align(points, points)
 
 
+SOUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "weights", "words"),
+    [
+        (np.zeros((0, 2)), np.zeros((0, 2)), None, "there are no points to align"),
+        (SOUND, SOUND[:3], None, r"partners are an array \(4, 2\), not \(3, 2\)"),
+        (SOUND.T, SOUND.T, None, r"points are an array \(2, 2\), not \(2, 4\)"),
+        (SOUND * [[1.0], [math.nan], [1.0], [1.0]], SOUND, None, "points are finite but row 1"),
+        (SOUND, SOUND * [[1.0], [1.0], [1.0], [math.inf]], None, "partners are finite but row 3"),
+        (SOUND, SOUND, np.array([1.0, 1.0, -1.0, 1.0]), "weights are finite, 0 or more, but row 2"),
+        (SOUND, SOUND, np.array([math.nan, 1.0, 1.0, 1.0]), "weights are .* but row 0 is nan"),
+        (SOUND, SOUND, np.ones(3), r"weights are an array \(4,\), not \(3,\)"),
+    ],
+)
+def test_what_can_be_no_points_and_weights_is_refused_in_words(
+    source: FloatArray, target: FloatArray, weights: FloatArray | None, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        align(source, target, weights)
+    with pytest.raises(ValueError, match=words):
+        align_robustly(source, target, 0.1, np.zeros(3), weights)
+
+
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3.0, -7.0)])
 def test_points_in_one_place_are_refused(place: tuple[float, float]) -> None:
     source = np.tile(place, (10, 1))

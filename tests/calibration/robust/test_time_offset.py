@@ -148,3 +148,27 @@ def test_too_few_readings_are_refused() -> None:
     times = np.arange(10.0)
     with pytest.raises(UserError, match="too few readings"):
         fit_jointly(wander(times), times, np.ones(10), wander, np.zeros(5))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "step"), [(1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (math.nan, 1.0, 0.1)]
+)
+    "low, high, step", [(1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (math.nan, 1.0, 0.1)]
+)
+def test_a_scan_over_no_delays_is_refused(low: float, high: float, step: float) -> None:
+    with pytest.raises(ValueError, match="no delays from"):
+        scan(abs, low, high, step)
+
+
+def test_what_can_be_no_readings_is_refused_in_words() -> None:
+    with pytest.raises(ValueError, match="costs are finite but row 0 is nan"):
+        scan(lambda delay: math.nan if delay < 0.3 else delay, 0.0, 1.0, 0.1)
+    points, ones = np.ones((20, 2)), np.ones(20)
+    for name, change in (("points", 0), ("times", 1), ("sigmas", 2)):
+        arrays = [points, ones, ones]
+        for wrong in (math.nan, math.inf, *[0.0, -1.0] * (name == "sigmas")):
+            arrays[change] = np.concatenate(([wrong], arrays[change].ravel()[1:])).reshape(
+                arrays[change].shape
+            )
+            with pytest.raises(ValueError, match=f"{name} are finite.* but row 0"):
+                fit_jointly(*arrays, lambda times: points, np.zeros(5))
