@@ -153,8 +153,6 @@ def test_too_few_readings_are_refused() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "step"), [(1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (math.nan, 1.0, 0.1)]
 )
-    "low, high, step", [(1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (math.nan, 1.0, 0.1)]
-)
 def test_a_scan_over_no_delays_is_refused(low: float, high: float, step: float) -> None:
     with pytest.raises(ValueError, match="no delays from"):
         scan(abs, low, high, step)
