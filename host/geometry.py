@@ -140,24 +140,24 @@ class Path:
 
     def poses(self, times: FloatArray) -> FloatArray:
         """Poses (n, 3): x, y (m), heading (rad, not wrapped) at `times` (n,)."""
-        return self._at(np.asarray(times, dtype=float))[:, :3]
+        return self._interpolated(np.asarray(times, dtype=float), 3)
 
-    def _at(self, times: FloatArray) -> FloatArray:
-        if not self._count:
-            return np.zeros((len(times), 5))
-        rows = self._rows[: self._count]
-        known = np.empty((len(times), 5))
-        for k in range(5):
-            known[:, k] = np.interp(times, rows[:, 0], rows[:, k + 1])
-        known[:, 3:] += np.maximum(times - self.end, 0.0)[:, None] * (
-            _LOST_TRANSLATION,
-            _LOST_HEADING,
-        )
+    def _interpolated(self, times: FloatArray, count: int) -> FloatArray:
+        """The first `count` of x, y, heading and the summed variances, (n, count)."""
+        known = np.zeros((len(times), count))
+        if self._count:
+            rows = np.ascontiguousarray(self._rows[: self._count, : count + 1].T)
+            for k in range(count):
+                known[:, k] = np.interp(times, rows[0], rows[k + 1])
         return known
 
     def between(self, start: float, end: float) -> Displacement:
         """How the robot moved from `start` to `end` (s), with the odometry's noise."""
-        first, last = self._at(np.array([start, end]))
+        times = np.array([start, end])
+        first, last = known = self._interpolated(times, 5)
+        if self._count:
+            after = np.maximum(times - self.end, 0.0)
+            known[:, 3:] += after[:, None] * (_LOST_TRANSLATION, _LOST_HEADING)
         dx, dy = to_frame(last[:2], first[:3])
         return Displacement(
             time=end,

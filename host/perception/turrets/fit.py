@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import Lidar
-from host.messages import FloatArray, IntArray
+from host.messages import FloatArray
 from host.perception.turrets.segments import Returns, Segments
 
 X4_NOISE_M = 0.0016  # std of one range at 1 m, of recorded X4s over still targets
@@ -42,14 +42,6 @@ def noise_m(distances: FloatArray, at_1m: float) -> FloatArray:
     return at_1m * np.maximum(distances, _NEAREST_NOISE_M) * growth
 
 
-def members(segments: Segments) -> tuple[IntArray, IntArray]:
-    """Indices of all returns in segments, and of the segment each belongs to."""
-    sizes = segments.sizes
-    group = np.repeat(np.arange(len(sizes)), sizes)
-    skipped = segments.first - np.concatenate(([0], np.cumsum(sizes)[:-1]))
-    return np.arange(len(group)) + skipped[group], group
-
-
 def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, FloatArray]:
     """Bearing of each centre from that of the segment's middle, and its std, (k,) rad.
 
@@ -76,40 +68,38 @@ def bearing_offsets(segments: Segments, spacing: float) -> tuple[FloatArray, Flo
 
 def fit_circles(seen: Returns, segments: Segments, lidar: Lidar) -> Circles:
     """Gauss-Newton on |p - c| = r for all segments at once, with the bearing as an observation."""
-    count, radius = len(segments.first), 0.5 * lidar.target_diameter_m
-    member, group = members(segments)
-    points = seen.points[member]
+    radius, distance = 0.5 * lidar.target_diameter_m, segments.distances
     offset, std = bearing_offsets(segments, seen.spacing)
-    ray, distance = segments.rays, segments.distances
-    across = np.stack((-ray[:, 1], ray[:, 0]), axis=1)
-    forward = np.sum(across * (seen.points[segments.last] - segments.middles), axis=1)
-    middle = segments.middles + (np.sign(forward) * offset * distance)[:, None] * across
+    x, y = np.ascontiguousarray(seen.points.take(segments.members, 0).T)
+    ray_x, ray_y = np.ascontiguousarray(segments.rays.T)
+    across = np.stack((-ray_y, ray_x))
+    ends = (seen.points.take(segments.last, 0) - segments.middles).T
+    shift = np.sign((across * ends).sum(axis=0)) * offset * distance
+    middle = segments.middles.T + shift * across
     side = 1.0 / (std * distance) ** 2
-    outer = side[:, None, None] * across[:, :, None] * across[:, None, :]
+    outer = side * np.stack((across[0] * across[0], across[0] * across[1], across[1] * across[1]))
     precision = 1.0 / noise_m(distance, lidar.range_noise_m) ** 2
-    centre = middle + 0.8 * radius * ray
-    information = outer
+    oddness = segments.of_members(precision / _ODD_RESIDUAL**2)
+    centre = middle + (0.8 * radius) * np.stack((ray_x, ray_y))
     for _ in range(_FIT_STEPS):
-        away = points - centre[group]
-        length = np.maximum(np.hypot(*away.T), 1e-9)
-        unit, residual = away / length[:, None], length - radius
-        weight = 1.0 / (1.0 + precision[group] * (residual / _ODD_RESIDUAL) ** 2)
-        x, y = unit.T
-        xx, xy, yy, right_x, right_y = (
-            np.bincount(group, weight * value, count)
-            for value in (x * x, x * y, y * y, x * residual, y * residual)
-        )
-        scatter = np.stack((xx, xy, xy, yy), axis=1).reshape(-1, 2, 2)
-        information = precision[:, None, None] * scatter + outer
-        slack = side * np.sum(across * (middle - centre), axis=1)
-        right = precision[:, None] * np.stack((right_x, right_y), axis=1)
-        right += slack[:, None] * across
-        centre = centre + np.linalg.solve(information, right[:, :, None])[:, :, 0]
-    residual = np.hypot(*(points - centre[group]).T) - radius
-    squares = np.bincount(group, residual**2, count)
-    off = side * np.sum(across * (middle - centre), axis=1) ** 2
+        away_x, away_y = x - segments.of_members(centre[0]), y - segments.of_members(centre[1])
+        length = np.maximum(np.hypot(away_x, away_y), 1e-9)
+        unit_x, unit_y, residual = away_x / length, away_y / length, length - radius
+        weight = 1.0 / (1.0 + oddness * residual * residual)
+        by_x, by_y = weight * unit_x, weight * unit_y
+        table = (by_x * unit_x, by_x * unit_y, by_y * unit_y, by_x * residual, by_y * residual)
+        sums = precision * segments.sums(np.stack(table))
+        xx, xy, yy = sums[:3] + outer  # the information
+        determinant = xx * yy - xy * xy
+        slack = side * (across * (middle - centre)).sum(axis=0)
+        right_x, right_y = sums[3:] + slack * across
+        centre[0] += (yy * right_x - xy * right_y) / determinant
+        centre[1] += (xx * right_y - xy * right_x) / determinant
+    away_x, away_y = x - segments.of_members(centre[0]), y - segments.of_members(centre[1])
+    squares = segments.sums((np.hypot(away_x, away_y) - radius) ** 2)
+    off = side * (across * (middle - centre)).sum(axis=0) ** 2
     # What fits badly is no clean circle: so much less is known of its centre.
     misfit = (precision * squares + off) / segments.sizes
-    scale = np.maximum(misfit / _ORDINARY_MISFIT, 1.0)
-    covariances = scale[:, None, None] * np.linalg.inv(information)
-    return Circles(centre, covariances, squares / noise_m(distance, X4_NOISE_M) ** 2 + off)
+    scale = np.maximum(misfit / _ORDINARY_MISFIT, 1.0) / determinant
+    covariances = (scale * np.stack((yy, -xy, -xy, xx))).T.reshape(-1, 2, 2)
+    return Circles(centre.T, covariances, squares / noise_m(distance, X4_NOISE_M) ** 2 + off)

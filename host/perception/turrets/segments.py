@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import Lidar
-from host.geometry import Path, to_parent
+from host.geometry import Path, columns, to_parent
 from host.messages import BoolArray, FloatArray, IntArray, Scan
 
 STEP = 0.6  # turret widths between the ranges of neighbours: another surface begins ...
@@ -50,7 +50,8 @@ class Segments:
     distances (k,) m. widths (k,) rad: of a turret there; extents (k,) rad: from first to last.
     steps (2, k) m: how much further the returns on both sides are; nulls (2, k): how many samples
     without a return lie between. hidden (2, k): whether something close beside is nearer, so that
-    it may hide an end.
+    it may hide an end. sizes (k,): returns in each; members (m,): all of these returns, one segment
+    after the other; begins (k,): where in `members` each begins.
     """
 
     first: IntArray
@@ -63,11 +64,17 @@ class Segments:
     steps: FloatArray
     nulls: IntArray
     hidden: BoolArray
+    sizes: IntArray
+    members: IntArray
+    begins: IntArray
 
-    @property
-    def sizes(self) -> IntArray:
-        """Returns in each."""
-        return self.last - self.first + 1
+    def of_members(self, values: FloatArray) -> FloatArray:
+        """For each of the members (m,) the value (k,) of its segment."""
+        return values.repeat(self.sizes)
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """The sums (..., k) of the values (..., m) of each segment's members."""
+        return np.asarray(np.add.reduceat(values, self.begins, axis=-1))
 
 
 def place(scan: Scan, lidar: Lidar, path: Path) -> tuple[FloatArray, BoolArray]:
@@ -79,7 +86,7 @@ def place(scan: Scan, lidar: Lidar, path: Path) -> tuple[FloatArray, BoolArray]:
     mounting = np.array([lidar.x_m, lidar.y_m, lidar.heading_rad])
     returned = scan.ranges > 0.0
     reach = np.where(returned, scan.ranges, 1.0)
-    beams = np.stack((reach * np.cos(scan.angles), reach * np.sin(scan.angles)), axis=1)
+    beams = columns(reach * np.cos(scan.angles), reach * np.sin(scan.angles))
     return path.carry(to_parent(beams, mounting), scan.times, scan.time), returned
 
 
@@ -89,32 +96,32 @@ def strays(ranges: FloatArray, returned: BoolArray, diameter: float) -> BoolArra
     Light of another lidar, dust: each is like none of the two samples at either side, of which one
     on the left and one on the right are alike.
     """
-    reach = np.where(returned, ranges, math.inf)
-    left, right = (np.stack([np.roll(reach, k * side) for k in (1, 2)]) for side in (1, -1))
-    step = STEP * diameter
-    with np.errstate(invalid="ignore"):  # inf - inf of two nulls is alike to none
-        like = np.any(np.abs(np.concatenate((left, right)) - reach) <= step, axis=0)
-        goes_on = np.any(np.abs(left[:, None] - right) <= step, axis=(0, 1))
+    step, count = STEP * diameter, len(ranges)
+    # A null is alike to none, not even to another null.
+    reach = np.where(returned, ranges, -(1.0 + step) * np.arange(1, count + 1))
+    around = (np.arange(count) + np.array([[-2], [-1], [1], [2]])) % max(count, 1)
+    beside = reach.take(around)
+    like = np.any(np.abs(beside - reach) <= step, axis=0)
+    goes_on = np.any(np.abs(beside[:2, None] - beside[2:]) <= step, axis=(0, 1))
     return np.asarray(returned & ~like & goes_on)
 
 
 def returns(scan: Scan, points: FloatArray, returned: BoolArray, diameter: float) -> Returns:
     """The returns among the samples' `points` (n, 2), and where a new surface begins."""
     sample = np.flatnonzero(returned)
-    points, ranges = points[sample], scan.ranges[sample]
-    before = np.roll(points, 1, axis=0) - points
-    gaps = np.hypot(*before.T)
-    starts = (np.abs(ranges - np.roll(ranges, 1)) > STEP * diameter) | (gaps > _GAP * diameter)
+    before = sample.take(np.arange(-1, len(sample) - 1))
+    gaps = np.hypot(*np.ascontiguousarray((points.take(before, 0) - points.take(sample, 0)).T))
+    steps = np.abs(scan.ranges.take(before) - scan.ranges.take(sample))
+    starts = (steps > STEP * diameter) | (gaps > _GAP * diameter)
     # Where all is one surface it begins behind its widest gap.
     begin = int(np.argmax(starts if starts.any() else gaps))
-    order = (np.arange(len(sample)) + begin) % len(sample)
-    starts = starts[order]
+    sample, starts = (np.concatenate((all_[begin:], all_[:begin])) for all_ in (sample, starts))
     starts[:1] = True
     return Returns(
-        points[order],
-        ranges[order],
-        scan.times[sample][order],
-        sample[order],
+        points.take(sample, 0),
+        scan.ranges.take(sample),
+        scan.times.take(sample),
+        sample,
         len(returned),
         starts,
     )
@@ -140,17 +147,18 @@ def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> S
     points = seen.points
     # The lidar moves by less than a sample's width while it passes a turret: one origin does.
     origin = np.array([lidar.x_m, lidar.y_m])
-    begin, end = points[first] - origin, points[last] - origin
+    begin, end = points.take(first, 0) - origin, points.take(last, 0) - origin
     middle = 0.5 * (begin + end)
-    distance = np.maximum(np.hypot(*middle.T), 1e-6)
+    distance = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-6)
     turned = np.abs(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
     radius = 0.5 * lidar.target_diameter_m
-    steps, apart = _beside(seen, first, last, 1)
-    further_steps, further_apart = _beside(seen, first, last, 2)
+    steps, apart = _beside(seen, first, last)
+    sizes = last - first + 1
+    begins = sizes.cumsum() - sizes
+    members = np.arange(sizes.sum()) + (first - begins).repeat(sizes)
     near = -STEP * lidar.target_diameter_m
     # Between two surfaces there may be one point of neither.
-    hidden = (steps < near) & (apart <= _CLOSE_SAMPLES)
-    hidden |= (further_steps < near) & (further_apart <= _CLOSE_SAMPLES)
+    hidden = np.asarray(((steps < near) & (apart <= _CLOSE_SAMPLES)).any(axis=0))
     return Segments(
         first,
         last,
@@ -159,17 +167,21 @@ def _measured(seen: Returns, first: IntArray, last: IntArray, lidar: Lidar) -> S
         distance,
         2.0 * np.arcsin(np.minimum(radius / (distance + _CENTRE_DEPTH * radius), 0.99)),
         np.arctan2(turned, np.sum(begin * end, axis=1)),
-        steps,
-        apart - 1,
+        steps[0],
+        apart[0] - 1,
         hidden,
+        sizes,
+        members,
+        begins,
     )
 
 
-def _beside(
-    seen: Returns, first: IntArray, last: IntArray, away: int
-) -> tuple[FloatArray, IntArray]:
-    """Of the returns `away` places beside: how much further (2, k) m, how many samples (2, k)."""
-    ends = np.stack((first, last))
-    beside = np.stack((first - away, last + away)) % len(seen.ranges)
-    apart = (seen.sample[beside] - seen.sample[ends]) * np.array([[-1], [1]]) % seen.samples
-    return seen.ranges[beside] - seen.ranges[ends], apart
+def _beside(seen: Returns, first: IntArray, last: IntArray) -> tuple[FloatArray, IntArray]:
+    """Of the first and second return on both sides, each (2, 2, k): the second index is the side.
+
+    How much further it is, m, and how many samples away.
+    """
+    away, ends = np.array([[1], [2]]), np.stack((first, last))
+    beside = np.stack((first - away, last + away), axis=1) % len(seen.ranges)
+    apart = (seen.sample.take(beside) - seen.sample.take(ends)) * np.array([[-1], [1]])
+    return seen.ranges.take(beside) - seen.ranges.take(ends), apart % seen.samples

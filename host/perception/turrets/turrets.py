@@ -13,11 +13,9 @@ import numpy as np
 from host.config import Lidar
 from host.geometry import SECTORS, Path, sector
 from host.messages import BoolArray, FloatArray, Positions, Scan
-from host.perception.turrets.fit import fit_circles, members
+from host.perception.turrets.fit import fit_circles
 from host.perception.turrets.score import LEAST_SCORE, scores
 from host.perception.turrets.segments import (
-    Returns,
-    Segments,
     place,
     returns,
     small_segments,
@@ -25,6 +23,8 @@ from host.perception.turrets.segments import (
 )
 
 _FEWEST = 3  # returns: fewer show nothing
+_NULL_M = 1e30  # farther than any return, nearer than where there is no sample
+_WITH_NEIGHBOURS = (np.arange(SECTORS) + np.array([[-1], [0], [1]])) % SECTORS
 
 
 def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
@@ -46,7 +46,8 @@ def find(scan: Scan, lidar: Lidar, path: Path) -> Positions:
     score = scores(seen, segments, circles, lidar.target_diameter_m)
     kept = np.flatnonzero(score > LEAST_SCORE)
     kept = kept[_distinct(circles.centres[kept], score[kept], lidar.target_diameter_m)]
-    lags = np.maximum(scan.time - _mean_times(seen, segments)[kept], 0.0)
+    mean_times = segments.sums(seen.times.take(segments.members)) / segments.sizes
+    lags = np.maximum(scan.time - mean_times[kept], 0.0)
     return Positions(
         scan.time,
         circles.centres[kept],
@@ -62,16 +63,10 @@ def _distinct(centres: FloatArray, score: FloatArray, diameter: float) -> BoolAr
 
     A robot that rotates with the beam sees at the end of a revolution again what it began with.
     """
-    apart = np.hypot(*np.moveaxis(centres[:, None] - centres, 2, 0))
+    x, y = centres.T
+    apart = np.hypot(x[:, None] - x, y[:, None] - y)
     better = score > score[:, None]
     return np.asarray(~np.any((apart < diameter) & better, axis=1))
-
-
-def _mean_times(seen: Returns, segments: Segments) -> FloatArray:
-    """When each segment was seen (k,) s; some of its returns may be the first, others the last."""
-    member, group = members(segments)
-    sums = np.bincount(group, seen.times[member], len(segments.first))
-    return np.asarray(sums / segments.sizes)
 
 
 def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:
@@ -83,13 +78,10 @@ def clearance_profile(points: FloatArray, returned: BoolArray) -> FloatArray:
     """
     x, y = np.ascontiguousarray(points.T)
     bearing, distance = np.arctan2(y, x), np.hypot(x, y)
-    distance = np.where(returned, distance, math.inf)
+    distance = np.where(returned, distance, _NULL_M)
     place = sector(bearing)
-    farthest_first = np.argsort(-distance, kind="stable")
-    nearest: FloatArray = np.full(SECTORS, -1.0)
-    nearest[place[farthest_first]] = distance[farthest_first]
-    unseen = nearest < 0.0
-    unseen &= np.roll(unseen, 1) & np.roll(unseen, -1)
-    nearest[nearest < 0.0] = math.inf
-    around = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
-    return np.where(unseen, 0.0, around)
+    farthest_first = np.argsort(-distance)
+    nearest: FloatArray = np.full(SECTORS, math.inf)
+    nearest[place.take(farthest_first)] = distance.take(farthest_first)
+    around = nearest.take(_WITH_NEIGHBOURS).min(axis=0)
+    return np.where(around == math.inf, 0.0, np.where(around == _NULL_M, math.inf, around))
