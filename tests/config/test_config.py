@@ -270,6 +270,14 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
             "[camera.strip]\npattern = 'two_colours'\nheight_m = 0.02\n",
             "line 3: camera.strip: height",
         ),
+        (
+            "[mocap]\nturrets = [{body = 1, x_m = 0.0, y_m = 0.0}]\n",
+            "[[mocap.turrets]] has bodies 1: each is another teammate's, and 1 is this robot",
+        ),
+        (
+            "[mocap]\n" + "[[mocap.turrets]]\nbody = 2\nx_m = 0.0\ny_m = 0.0\n" * 2,
+            "has bodies 2, 2: each is another",
+        ),
         ("[mocap.natnet]\ndata_port = 1510\n", "line 2: mocap.natnet: data_port must differ"),
         ("[mocap.natnet]\nmulticast_group = '10.0.0.1'\n", "must be an address of multicast"),
         ("[mocap.ceiling]\ntag_height_m = 2.6\n", "line 2: mocap.ceiling: tag_height_m (2.6) must"),

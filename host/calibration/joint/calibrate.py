@@ -5,7 +5,7 @@ bodies. A pivot that is not above its turret moves both sensors' mountings, and 
 itself looks for it. Here each turret has a place of its own in the frame of its body.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -31,17 +31,25 @@ SENSORS: tuple[SensorName, ...] = ("wheels", "lidar", "camera")
 _KNOWN_M = 0.003  # sigma of a turret's place that is written
 
 
-def calibrate(gathered: Gathered, sensors: Collection[SensorName] = SENSORS) -> Calibration:
+def calibrate(
+    gathered: Gathered,
+    sensors: Collection[SensorName] = SENSORS,
+    lidar_start: Mapping[str, float] | None = None,
+) -> Calibration:
     """Refine what the fits of `sensors` have written, all of it together.
 
-    The configuration is theirs: there this fit begins. Raises UserError where there is no motion
+    The configuration is theirs: there this fit begins. lidar_start: values of a lidar's fit that
+    is not written, by key. Raises UserError where there is no motion
     capture of this robot and a teammate, or a sensor has no readings that fit what is configured.
     """
     problem = problem_of(gathered, sensors)
+    places = keys_of(problem)
+    for key, value in (lidar_start or {}).items():
+        if key.startswith("lidar."):
+            problem.start[places[key]] = value
     solution = solve(list(problem.sensors.values()), problem.prior, problem.start)
     covariance = complete(solution.covariance, solution.values, problem, gathered)
     rows = rows_of(problem, solution.values, covariance, gathered.config)
-    places = keys_of(problem)
     at = list(places.values())
     return Calibration(
         kind="joint",

@@ -1,10 +1,12 @@
 """`swarmloc calibrate all`: one fit after the other, then wheels, lidar and cameras together."""
 
+import datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
+from host.calibration import robot_file
 from host.calibration.gathered import Gathered
 from host.calibration.joint.calibrate import SENSORS, SensorName
 from host.calibration.joint.calibrate import calibrate as fit_jointly
@@ -24,6 +26,7 @@ class Sequence:
         self._source, self._report_path, self._common = source, report_path, common
         self._passed: list[SensorName] = []
         self._refused: dict[CalibrationKind, UserError] = {}
+        self._fits: dict[CalibrationKind, Calibration] = {}
         self.results: list[dict[str, Any]] = []
 
     def run(self) -> None:
@@ -34,6 +37,8 @@ class Sequence:
                 break  # all others stand on how the tracked body lies
         self._together()
         if again := [sensor for sensor in SENSORS[1:] if sensor in self._refused]:
+            if set(self._passed) == {"wheels"} and "lidar" in self._fits:
+                self._find_turrets(self._fits["lidar"])
             click.echo(f"{', '.join(again)}: again, with turrets where they were found\n")
             for sensor in again:
                 self._try(sensor)
@@ -52,6 +57,17 @@ class Sequence:
             click.echo(f"together: {', '.join(self._passed)}, without {', '.join(left)}")
         self._try("joint")
 
+    def _find_turrets(self, lidar: Calibration) -> None:
+        """Write where turrets are by a lidar's fit that was refused: this may be why it was."""
+        fitting = Fitting(**self._common, report_path=self._report_path, json_path=None)
+        name, gathered = fitting.gather(self._source, lambda _: [])
+        found = fit_jointly(gathered, ["wheels", "lidar"], lidar.new_settings())
+        if not found.failures and fitting.robot_path is not None:
+            turrets = {"mocap.turrets": found.settings["mocap.turrets"]}
+            today = datetime.date.today().isoformat()
+            note = f"turrets calibrated {today} from {name}: {found.residuals}"
+            robot_file.update(fitting.robot_path, turrets, note)
+
     def _try(self, kind: CalibrationKind) -> None:
         """One fit; one that is refused is kept in mind."""
         self._refused.pop(kind, None)
@@ -62,7 +78,8 @@ class Sequence:
             click.echo(f"{kind}: left out, {self._source} has no {missing}")
             return
         try:
-            self.results.append(fitting.conclude(self._fit(kind, gathered), name))
+            self._fits[kind] = self._fit(kind, gathered)
+            self.results.append(fitting.conclude(self._fits[kind], name))
         except UserError as error:
             self._refused[kind] = error
             click.echo(f"{kind}: {error.what}", err=True)

@@ -1,5 +1,6 @@
 """`swarmloc calibrate all`: which fits come when, and what happens after one that is refused."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,10 @@ from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Check, at_most
 from host.cli.calibrate import gathering, sequence
 from host.cli.calibrate.sequence import Sequence
-from host.config import RobotConfig
+from host.config import RobotConfig, load_config
 from host.errors import UserError
 
+TURRETS = {"mocap.turrets": [{"body": 2, "x_m": 0.01, "y_m": -0.004}]}
 COMMON = {"scenario": None, "seconds": None, "record": None, "accept": False}
 
 
@@ -29,19 +31,24 @@ class Fits:
         check: Check = at_most(f"{kind} is off", 2.0 if bad else 0.0, 1.0, "", "look at it")
         return Calibration(kind=kind, fitted=(), checks=(check,), residuals="")
 
-    def together(self, gathered: Gathered, sensors: list[str]) -> Calibration:
-        return self.fit(f"joint of {' '.join(sensors)}", gathered)
+    def together(
+        self, gathered: Gathered, sensors: list[str], lidar_start: dict[str, float] | None = None
+    ) -> Calibration:
+        made = self.fit(f"joint of {' '.join(sensors)}", gathered)
+        return dataclasses.replace(made, settings=TURRETS)
 
     def lacking(self, kind: str, gathered: Gathered) -> str:
         return "readings" if kind in self.lacks else ""
 
 
-def run(fits: Fits, monkeypatch: pytest.MonkeyPatch, folder: Path) -> list[str]:
+def run(
+    fits: Fits, monkeypatch: pytest.MonkeyPatch, folder: Path, robot: Path | None = None
+) -> list[str]:
     monkeypatch.setattr(sequence, "calibrate_gathered", fits.fit)
     monkeypatch.setattr(sequence, "fit_jointly", fits.together)
     monkeypatch.setattr(sequence, "lacking", fits.lacking)
     monkeypatch.setattr(gathering, "from_source", lambda *_: Gathered(RobotConfig()))
-    Sequence("drive.mcap", folder / "all.html", {**COMMON, "robot_path": None}).run()
+    Sequence("drive.mcap", folder / "all.html", {**COMMON, "robot_path": robot}).run()
     return fits.made
 
 
@@ -60,6 +67,18 @@ def test_a_sensor_that_is_refused_is_tried_again_with_what_the_others_found_toge
     assert made[1:4] == ["lidar", "camera", "joint of wheels camera"]
     assert made[4:] == ["lidar", "joint of wheels lidar camera", "detection"]
     assert "together: wheels, camera, without lidar" in capsys.readouterr().out
+
+
+def test_where_lidar_and_cameras_are_refused_turrets_are_looked_for_and_written_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text("[mocap]\nbody = 1\n")
+    made = run(Fits(refused=("lidar", "camera")), monkeypatch, tmp_path, robot)
+    assert made[:4] == ["wheels", "lidar", "camera", "joint of wheels lidar"]
+    assert made[4:] == ["lidar", "camera", "joint of wheels lidar camera", "detection"]
+    (turret,) = load_config(robot).mocap.turrets
+    assert (turret.body, turret.x_m, turret.y_m) == (2, 0.01, -0.004)
 
 
 def test_one_that_is_refused_again_is_left_out_and_told_at_the_end(
