@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from host.messages import FloatArray
 
@@ -70,6 +70,39 @@ class Fitted:
     def shown(self, value: float) -> str:
         """A value of this row (SI) as the screen has it."""
         return f"{value * self.scale:.4g} {self.unit}".rstrip()
+
+
+class Quantity(NamedTuple):
+    """What a row of the report is of: see `Fitted` for key, name and unit.
+
+    limit: the largest sigma that will do, or why any will.
+    """
+
+    key: str
+    name: str
+    unit: str
+    limit: float | str
+
+    def row(
+        self,
+        value: float,
+        sigma: float,
+        before: float | None = None,
+        halves: Sequence[float] = (),
+    ) -> Fitted:
+        """It as fitted; halves: two, or none (also where one of them is not a number)."""
+        pair = (float(halves[0]), float(halves[1])) if len(halves) else (math.nan, math.nan)
+        return Fitted(
+            key=self.key,
+            name=self.name,
+            value=float(value),
+            sigma=float(sigma),
+            limit=None if isinstance(self.limit, str) else self.limit,
+            unbounded=self.limit if isinstance(self.limit, str) else "",
+            before=None if before is None else float(before),
+            halves=pair if math.isfinite(sum(pair)) else None,
+            unit=self.unit,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ from host.calibration.camera.verdict import Halves, verdict
 from host.calibration.chain import BODY, LIDAR, by_base, carried
 from host.calibration.coverage import missing_rotations
 from host.calibration.gathered import Gathered
-from host.calibration.result import Calibration, Fitted
+from host.calibration.result import Calibration, Fitted, Quantity
 from host.calibration.robust.statistics import normal_sigma
 from host.calibration.stamps import stamps_check
 from host.config import Camera, Cameras
@@ -184,14 +184,8 @@ def _rows(
 ) -> tuple[Fitted, ...]:
     cameras = gathered.config.camera
     noise = max(normal_sigma(off), _LEAST_NOISE_RAD)
-    spread = Fitted(
-        key="",
-        name="noise of a bearing",
-        value=noise,
-        sigma=noise / math.sqrt(2.0 * max(len(off), 1)),
-        unbounded="the fit of detection writes it",
-        before=cameras.bearing_noise_rad,
-        unit="deg",
+    spread = Quantity("", "noise of a bearing", "deg", "the fit of detection writes it").row(
+        noise, noise / math.sqrt(2.0 * max(len(off), 1)), cameras.bearing_noise_rad
     )
     *rows, delay = value_rows(cameras, fit, halves, known)
     return (*rows, *_reach_rows(reaches), delay, spread)
@@ -212,55 +206,28 @@ def value_rows(
         held = camera in known and k < LENS_NAMES
         value = float(getattr(fit.cameras[number], name))
         apart = [float(half.values[place] - fit.values[place]) for half in halves or ()]
-        rows.append(
-            Fitted(
-                key=f"camera.{camera}.{name}",
-                name=f"{camera} camera: {label}",
-                value=value,
-                sigma=math.nan if held else float(sigmas[place]),
-                before=float(getattr(getattr(cameras, camera), name)),
-                unbounded=_HELD if held else _TOGETHER,
-                halves=(value + apart[0], value + apart[1]) if apart and not held else None,
-                unit=unit,
-            )
-        )
-    total = [cameras.delay_s + part.delay for part in (fit, *(halves or ()))]
-    delay = Fitted(
-        key="camera.delay_s",
-        name="delay of the cameras",
-        value=max(total[0], 0.0),
-        sigma=float(sigmas[-1]),
-        unbounded=_TOGETHER,
-        before=cameras.delay_s,
-        halves=(total[1], total[2]) if halves else None,
-        unit="ms",
-    )
-    return (*rows, delay)
+        why = _HELD if held else _TOGETHER
+        what = Quantity(f"camera.{camera}.{name}", f"{camera} camera: {label}", unit, why)
+        before = getattr(getattr(cameras, camera), name)
+        pair = () if held else [value + each for each in apart]
+        rows.append(what.row(value, math.nan if held else sigmas[place], before, pair))
+    total, *pair = (cameras.delay_s + part.delay for part in (fit, *(halves or ())))
+    delay = Quantity("camera.delay_s", "delay of the cameras", "ms", _TOGETHER)
+    return (*rows, delay.row(max(total, 0.0), sigmas[-1], cameras.delay_s, pair))
 
 
 def _reach_rows(reaches: Mapping[int, Reach]) -> list[Fitted]:
     """How far off the axis each camera's lens was seen, and what bearings beyond are worth."""
-    return [
-        Fitted(
-            key=f"camera.{CAMERAS[number]}.{key}",
-            name=f"{CAMERAS[number]} camera: {name}",
-            value=value,
-            sigma=math.nan,
-            unbounded=why,
-            unit=unit,
+    rows = []
+    for number, reach in reaches.items():
+        camera, growth = CAMERAS[number], reach.beyond_noise_per_rad
+        key, name = f"camera.{camera}.", f"{camera} camera: "
+        angle = Quantity(f"{key}reach_rad", f"{name}lens known up to", "deg", _FARTHEST)
+        beyond = Quantity(
+            f"{key}beyond_noise_per_rad", f"{name}noise beyond, by angle²", "/rad", _BEYOND
         )
-        for number, reach in reaches.items()
-        for key, name, value, unit, why in (
-            ("reach_rad", "lens known up to", reach.angle, "deg", _FARTHEST),
-            (
-                "beyond_noise_per_rad",
-                "noise beyond, by angle²",
-                reach.beyond_noise_per_rad,
-                "/rad",
-                _BEYOND,
-            ),
-        )
-    ]
+        rows += [angle.row(reach.angle, math.nan), beyond.row(growth, math.nan)]
+    return rows
 
 
 def _figures(

@@ -1,12 +1,13 @@
 """Whether a strip's colour will do: what is found with it in the pictures it was learnt from."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from host.calibration.camera.colour import Box
-from host.calibration.result import Calibration, Check, Fitted, at_least, at_most
+from host.calibration.result import Calibration, Check, Fitted, Quantity, at_least, at_most
 from host.config import Strip
 from host.messages import BoolArray, Image
 from host.perception.jpeg_decoder import SCALE
@@ -108,14 +109,8 @@ _UNBOXED = (
 
 def _rows(before: Strip, strip: Strip) -> Iterator[Fitted]:
     for key, name in LEARNT.items():
-        yield Fitted(
-            key=f"camera.strip.{key}",
-            name=name,
-            value=getattr(strip, key),
-            sigma=float("nan"),
-            unbounded="what is found with the colour is judged instead",
-            before=getattr(before, key),
-        )
+        what = Quantity(f"camera.strip.{key}", name, "", "what is found with the colour is judged")
+        yield what.row(getattr(strip, key), math.nan, getattr(before, key))
 
 
 def _checks(pictures: list[SearchedPicture], learnt: bool) -> Iterator[Check]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Ranged, Reference, reference_of
 from host.calibration.gathered import Gathered
-from host.calibration.result import Calibration, Fitted, at_least
+from host.calibration.result import Calibration, Fitted, Quantity, at_least
 from host.calibration.robust.rigid_alignment import Alignment, align_robustly
 from host.config import Camera
 from host.errors import UserError
@@ -65,14 +65,8 @@ def calibrate(gathered: Gathered) -> Calibration:
             "bring a teammate nearer, and check the strip's colour and height in [camera.strip]",
         )
     delay = float(np.median([aligned.delay_s for aligned in found.values()]))
-    late = Fitted(
-        key="camera.delay_s",
-        name="delay of the cameras",
-        value=max(config.delay_s + delay, 0.0),
-        sigma=math.nan,
-        unbounded=_START,
-        before=config.delay_s,
-        unit="ms",
+    late = Quantity("camera.delay_s", "delay of the cameras", "ms", _START).row(
+        max(config.delay_s + delay, 0.0), math.nan, config.delay_s
     )
     rows = [row for name, each in found.items() for row in _rows(name, getattr(config, name), each)]
     figures: dict[str, Any] = {"used": {name: each.used for name, each in found.items()}}
@@ -167,14 +161,8 @@ def _rows(name: str, camera: Camera, aligned: Aligned) -> Sequence[Fitted]:
     sigmas = np.sqrt(np.diag(aligned.motion.covariance))
     labels = (("x_m", "place x", "mm"), ("y_m", "place y", "mm"), ("heading_rad", "heading", "deg"))
     return [
-        Fitted(
-            key=f"camera.{name}.{key}",
-            name=f"{name} {label}",
-            value=float(value),
-            sigma=float(sigma),
-            unbounded=_START,
-            before=float(getattr(camera, key)),
-            unit=unit,
+        Quantity(f"camera.{name}.{key}", f"{name} {label}", unit, _START).row(
+            value, sigma, getattr(camera, key)
         )
         for (key, label, unit), value, sigma in zip(labels, values, sigmas, strict=True)
     ]

@@ -10,6 +10,7 @@ from host.calibration.result import (
     Calibration,
     Check,
     Fitted,
+    Quantity,
     ReportPicture,
     Role,
     Series,
@@ -90,15 +91,9 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
     found = wheels.calibrate(drives_of(gathered), gathered.config.wheels, mocap)
     (lag,) = (row for row in found.fitted if row.name == LAG)
     delay = mocap.ceiling.delay_s - lag.value
-    row = Fitted(
-        key="mocap.ceiling.delay_s",
-        name="delay of the ceiling camera",
-        value=max(delay, 0.0),
-        sigma=lag.sigma,
-        limit=_DELAY_LIMIT_S,
-        before=mocap.ceiling.delay_s,
-        unit="ms",
-    )
+    row = Quantity(
+        "mocap.ceiling.delay_s", "delay of the ceiling camera", "ms", _DELAY_LIMIT_S
+    ).row(max(delay, 0.0), lag.sigma, mocap.ceiling.delay_s)
     checks = (*found.checks, delay_check("delay of the ceiling camera", delay, lag.sigma))
     return Calibration(
         kind="ceiling",
@@ -117,16 +112,13 @@ def _rows(
     before = problem.ceiling.eye
     for k, (key, name, unit) in enumerate(_SHOWN):
         fixed = held and k < len(LENS)
+        written = "mocap.ceiling.eye.z_m" if key == "z_m" else ""
         rows.append(
-            Fitted(
-                key="mocap.ceiling.eye.z_m" if key == "z_m" else "",
-                name=name,
-                value=float(fit.values[k]),
-                sigma=math.nan if fixed else math.sqrt(fit.covariance[k, k]),
-                unbounded=_HELD if fixed else _TOGETHER,
-                before=getattr(before, key) if key else None,
-                halves=None if fixed else (float(halves[0].values[k]), float(halves[1].values[k])),
-                unit=unit,
+            Quantity(written, name, unit, _HELD if fixed else _TOGETHER).row(
+                fit.values[k],
+                math.nan if fixed else math.sqrt(fit.covariance[k, k]),
+                getattr(before, key) if key else None,
+                () if fixed else [half.values[k] for half in halves],
             )
         )
     return tuple(rows)

@@ -10,7 +10,7 @@ import numpy as np
 from host.calibration.detection.blind_sectors import FoundSector, find_sectors, same_sector
 from host.calibration.detection.range_curve import RangeCurve, Views, fit_curve
 from host.calibration.gathered import Gathered
-from host.calibration.result import Fitted
+from host.calibration.result import Fitted, Quantity
 from host.config import Cameras, Lidar, RobotConfig
 from host.messages import BoolArray, FloatArray
 
@@ -34,8 +34,7 @@ def all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 
 def shown_row(name: str, value: float, unit: str) -> Fitted:
     """A row that is shown and not written."""
-    why = "shown to be read, and not written"
-    return Fitted(key="", name=name, value=value, sigma=math.nan, unbounded=why, unit=unit)
+    return Quantity("", name, unit, "shown to be read, and not written").row(value, math.nan)
 
 
 def positive_row(
@@ -52,16 +51,8 @@ def positive_row(
     """
     (value, sigma), (early, _), (late, _) = fits
     before = float(operator.attrgetter(key)(config))
-    return Fitted(
-        key=key,
-        name=name,
-        value=value,
-        sigma=sigma,
-        limit=share * max(value, before) if math.isfinite(value) else share * before,
-        before=before,
-        halves=(early, late) if math.isfinite(early + late) else None,
-        unit=unit,
-    )
+    limit = share * max(value, before) if math.isfinite(value) else share * before
+    return Quantity(key, name, unit, limit).row(value, sigma, before, (early, late))
 
 
 def bearing_row(config: RobotConfig, noises: Sequence[float], sigma: float) -> Fitted:
@@ -92,20 +83,11 @@ def curve_rows(
     for k, (key, name, unit) in enumerate(_CURVE):
         fitted = curve.reached or k == 0
         both = [float(half.values[k]) for half in halves if half.reached or k == 0]
-        rows.append(
-            Fitted(
-                key=f"{section}.{key}" if fitted else "",
-                name=f"{section} {name}"
-                + ("" if fitted else f" (beyond {curve.reach_m:.1f} m: kept)"),
-                value=float(curve.values[k]),
-                sigma=float(curve.sigmas[k]),
-                limit=limits[k] if fitted else None,
-                unbounded="" if fitted else KEPT,
-                before=getattr(config, key),
-                halves=(both[0], both[1]) if fitted and len(both) == 2 else None,
-                unit=unit,
-            )
-        )
+        what = Quantity(f"{section}.{key}", f"{section} {name}", unit, limits[k])
+        if not fitted:
+            what = Quantity("", f"{what.name} (beyond {curve.reach_m:.1f} m: kept)", unit, KEPT)
+        pair = both if fitted and len(both) == 2 else ()
+        rows.append(what.row(curve.values[k], curve.sigmas[k], getattr(config, key), pair))
     return curve, rows
 
 
@@ -123,16 +105,13 @@ def sector_rows(gathered: Gathered, sectors: list[FoundSector]) -> list[Fitted]:
         early, late = (same_sector(sector, half) for half in halves)
         for quantity in ("centre", "width"):
             value_of = operator.attrgetter(quantity)
+            name = f"blind sector {number}, {quantity}"
             rows.append(
-                Fitted(
-                    key="",
-                    name=f"blind sector {number}, {quantity}",
-                    value=value_of(sector),
-                    sigma=math.hypot(getattr(sector, f"{quantity}_sigma"), unseen[quantity]),
-                    limit=_SECTOR_LIMIT_RAD,
-                    before=value_of(was) if was else None,
-                    halves=(value_of(early), value_of(late)) if early and late else None,
-                    unit="deg",
+                Quantity("", name, "deg", _SECTOR_LIMIT_RAD).row(
+                    value_of(sector),
+                    math.hypot(getattr(sector, f"{quantity}_sigma"), unseen[quantity]),
+                    value_of(was) if was else None,
+                    (value_of(early), value_of(late)) if early and late else (),
                 )
             )
     return rows

@@ -8,7 +8,7 @@ from host.calibration.camera.calibrate import value_rows as camera_rows
 from host.calibration.camera.model import camera_of
 from host.calibration.joint.problem import Problem
 from host.calibration.lidar.calibrate import value_rows as lidar_rows
-from host.calibration.result import Fitted
+from host.calibration.result import Fitted, Quantity
 from host.calibration.wheels.verdict import value_rows as wheel_rows
 from host.config import RobotConfig
 from host.messages import FloatArray
@@ -46,19 +46,10 @@ def rows_of(
 
 def _turret_rows(problem: Problem, values: FloatArray, covariance: FloatArray) -> list[Fitted]:
     sigmas = np.sqrt(np.diag(covariance))
-    return [
-        Fitted(
-            key="",
-            name=f"turret of body {number}, {side} of its pivot",
-            value=float(values[place]),
-            sigma=float(sigmas[place]),
-            unbounded=_WRITTEN,
-            before=float(problem.configured[place]),
-            unit="mm",
-        )
-        for k, number in enumerate(problem.unknowns.teammates)
-        for place, side in (
-            (problem.unknowns.turrets.start + 2 * k, "ahead"),
-            (problem.unknowns.turrets.start + 2 * k + 1, "to the left"),
-        )
-    ]
+    rows, place = [], problem.unknowns.turrets.start
+    for number in problem.unknowns.teammates:
+        for side in ("ahead", "to the left"):
+            what = Quantity("", f"turret of body {number}, {side} of its pivot", "mm", _WRITTEN)
+            rows.append(what.row(values[place], sigmas[place], problem.configured[place]))
+            place += 1
+    return rows

@@ -28,7 +28,7 @@ from host.calibration.lidar.verdict import (
     coverage_checks,
     verdict,
 )
-from host.calibration.result import Calibration, Fitted
+from host.calibration.result import Calibration, Fitted, Quantity
 from host.calibration.robust.time_offset import (
     CORRELATED_S,
     DelayCurve,
@@ -50,15 +50,22 @@ _LEAST_ROTATION = math.pi
 # when in the time of a byte it is stamped.
 _ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 7.8e-5 / math.sqrt(12.0)
 UNSEEN = np.diag([0.0, 0.0, _ANGLE_STEP, _BYTE_S, 0.0]) ** 2
-# Of each row: place among the fitted values, key, name, unit and limit.
+# Of each row: place among the fitted values, and what it is.
 _ROWS = (
-    (2, "lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1)),
-    (0, "lidar.x_m", "x of the lidar", "mm", 0.003),
-    (1, "lidar.y_m", "y of the lidar", "mm", 0.003),
-    (3, "lidar.delay_s", "delay of the lidar", "ms", 0.005),
-    (4, "", "turrets measured too far by", "mm", None),
+    (2, Quantity("lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1))),
+    (0, Quantity("lidar.x_m", "x of the lidar", "mm", 0.003)),
+    (1, Quantity("lidar.y_m", "y of the lidar", "mm", 0.003)),
+    (3, Quantity("lidar.delay_s", "delay of the lidar", "ms", 0.005)),
+    (
+        4,
+        Quantity(
+            "",
+            "turrets measured too far by",
+            "mm",
+            "not written; it shows whether lidar.target_diameter_m is the turrets'",
+        ),
+    ),
 )
-_WHY_UNBOUNDED = "not written; it shows whether lidar.target_diameter_m is the turrets'"
 
 
 def calibrate(gathered: Gathered) -> Calibration:
@@ -200,23 +207,15 @@ def value_rows(
     """Rows of a report for the values (5,) and their covariance (5, 5); halves: none, or two."""
     whole = np.array([0.0, 0.0, values[2] - float(wrap(values[2])), 0.0, 0.0])  # circles
     values, halves = values - whole, [half - whole for half in halves]
-    rows = []
-    for k, key, name, unit, limit in _ROWS:
-        pair = tuple(float(half[k]) for half in halves)
-        rows.append(
-            Fitted(
-                key=key,
-                name=name,
-                value=float(values[k]),
-                sigma=math.sqrt(covariance[k, k]),
-                limit=limit,
-                unbounded="" if limit else _WHY_UNBOUNDED,
-                before=float(configured[k]) if key else None,
-                halves=(pair[0], pair[1]) if pair and all(map(math.isfinite, pair)) else None,
-                unit=unit,
-            )
+    return tuple(
+        what.row(
+            values[k],
+            math.sqrt(covariance[k, k]),
+            configured[k] if what.key else None,
+            [half[k] for half in halves],
         )
-    return tuple(rows)
+        for k, what in _ROWS
+    )
 
 
 def lidar_advice(gathered: Gathered) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.calibration.chain import BODY
-from host.calibration.result import Check, Fitted, at_least, at_most
+from host.calibration.result import Check, Fitted, Quantity, at_least, at_most
 from host.calibration.wheels.fit import WINDOW_S, Fit
 from host.calibration.wheels.model import GEOMETRY, LAGS, Drive, Windows, values_of, windows_of
 from host.config import Mocap, Wheels
@@ -96,11 +96,12 @@ def value_rows(
 ) -> tuple[Fitted, ...]:
     values, sigmas = found.values.copy(), np.sqrt(np.diag(found.covariance))
     values[5] = wrap(values[5])
+    pairs = np.zeros((6, 0))
     if halves is not None:
         # A heading near half a circle stays beside the other ones.
         apart = np.array([half[:6] for half in halves]) - found.values[:6]
         apart[:, 5] = wrap(apart[:, 5])
-        pairs = (values[:6] + apart).T.tolist()
+        pairs = (values[:6] + apart).T
     small = _RADIUS_LIMIT * wheels.left_radius_m
     shown = (
         ("left wheel's radius", small, "mm"),
@@ -111,31 +112,15 @@ def value_rows(
         ("tracked body, heading", _HEADING_LIMIT_RAD, "deg"),
     )
     before = values_of(wheels, mocap)
-    rows = []
-    for k, (name, limit, unit) in enumerate(shown):
-        rows.append(
-            Fitted(
-                key=KEYS[k],
-                name=name,
-                value=float(values[k]),
-                sigma=float(sigmas[k]),
-                limit=limit,
-                before=float(before[k]),
-                halves=None if halves is None else tuple(pairs[k]),
-                unit=unit,
-            )
-        )
+    rows = [
+        Quantity(KEYS[k], name, unit, limit).row(values[k], sigmas[k], before[k], pairs[k])
+        for k, (name, limit, unit) in enumerate(shown)
+    ]
     lags = found.values[LAGS]
     share = np.full(len(lags), 1.0 / len(lags))
-    lag = Fitted(
-        key="",
-        name=LAG,
-        value=float(lags.mean()),
-        sigma=math.sqrt(share @ found.covariance[LAGS, LAGS] @ share),
-        unbounded="the lag is the recording's own, and not written",
-        unit="ms",
-    )
-    return (*rows, lag)
+    lag = Quantity("", LAG, "ms", "the lag is the recording's own, and not written")
+    sigma = math.sqrt(share @ found.covariance[LAGS, LAGS] @ share)
+    return (*rows, lag.row(lags.mean(), sigma))
 
 
 def noise_rows(noises: FloatArray, sigmas: FloatArray, wheels: Wheels) -> tuple[Fitted, ...]:
@@ -145,19 +130,11 @@ def noise_rows(noises: FloatArray, sigmas: FloatArray, wheels: Wheels) -> tuple[
         _NOISES, noises.tolist(), sigmas.tolist(), strict=True
     ):
         value = max(noise, _LEAST_NOISE) if math.isfinite(noise) else math.nan
-        known = sigma <= _VAGUE * value
-        rows.append(
-            Fitted(
-                key=f"wheels.{key}" if known else "",
-                name=name if known else f"{name} (too vague: kept)",
-                value=value,
-                sigma=sigma,
-                limit=_VAGUE * value if known else None,
-                unbounded="" if known else "a noise that is too vague is kept as it was",
-                before=getattr(wheels, key),
-                unit=unit,
-            )
-        )
+        what = Quantity(f"wheels.{key}", name, unit, _VAGUE * value)
+        if not sigma <= _VAGUE * value:
+            why = "a noise that is too vague is kept as it was"
+            what = Quantity("", f"{name} (too vague: kept)", unit, why)
+        rows.append(what.row(value, sigma, getattr(wheels, key)))
     return tuple(rows)
 
 
