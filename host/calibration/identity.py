@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from host.calibration.wheels.model import relative
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.geometry import wrap
@@ -91,10 +92,7 @@ def _windows(times: FloatArray, ticks: IntArray, bodies: Bodies, wheels: Wheels)
     found = {}
     for number, (seen, poses) in bodies.items():
         begin, end = (_at(seen, poses, starts + late) for late in (0.0, _WINDOW_S))
-        offset = end - begin
-        c, s = np.cos(begin[:, 2]), np.sin(begin[:, 2])
-        along, across = c * offset[:, 0] + s * offset[:, 1], c * offset[:, 1] - s * offset[:, 0]
-        found[number] = np.column_stack((along, across, offset[:, 2]))
+        found[number] = relative(begin, end)
     return _Moved(starts, ways, found)
 
 

@@ -48,12 +48,25 @@ def read_picture(path: Path) -> bytes:
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1])
 
 
+def reduced(box: Box, slack_px: int = 0) -> tuple[slice, slice]:
+    """Rows and columns of the reduced picture that a box covers, and `slack_px` around it."""
+    left, top, width, height = box
+    rows, columns = (
+        slice(max(first - slack_px, 0) // SCALE, max(-(-(first + size + slack_px) // SCALE), 0))
+        for first, size in ((top, height), (left, width))
+    )
+    return rows, columns
+
+
 def pixels_in_box(picture: Image, box: Box) -> Image:
     """Pixels (n, 3) of a reduced picture (h, w, 3) that lie in a box of the full one."""
-    left, top, width, height = box
-    rows = slice(top // SCALE, max(-(-(top + height) // SCALE), 0))
-    columns = slice(left // SCALE, max(-(-(left + width) // SCALE), 0))
-    return picture[rows, columns].reshape(-1, 3)
+    return picture[reduced(box)].reshape(-1, 3)
+
+
+def band_of(geometry: StripGeometry) -> BoolArray:
+    """Which pixels (h, w) of the reduced picture may show a strip."""
+    level = (geometry.elevation >= geometry.lowest) & (geometry.elevation <= geometry.highest)
+    return np.asarray(level & (geometry.drawn > 0))
 
 
 def pixels_of_best_blob(picture: Image, strip: Strip, geometry: StripGeometry) -> Image:
@@ -63,9 +76,8 @@ def pixels_of_best_blob(picture: Image, strip: Strip, geometry: StripGeometry) -
     """
     hue, saturation, value = _hsv(picture)
     near = np.abs(_hue_difference(hue - strip.hue_deg)) <= _NEAR_HUE_DEG
-    high = (geometry.elevation >= geometry.lowest) & (geometry.elevation <= geometry.highest)
     shown = np.zeros(near.shape, dtype=bool)
-    shown[: len(high)] = high & (geometry.drawn > 0)
+    shown[: len(geometry.drawn)] = band_of(geometry)
     mask = near & (saturation >= _COLOURED) & (value >= _BRIGHT) & shown
     count, label = cv2.connectedComponents(mask.astype(np.uint8))
     sizes = np.bincount(label.ravel(), minlength=count)

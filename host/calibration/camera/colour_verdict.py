@@ -1,12 +1,12 @@
 """Whether a strip's colour will do: what is found with it in the pictures it was learnt from."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.camera.colour import Box
+from host.calibration.camera.colour import Box, band_of, reduced
 from host.calibration.result import Calibration, Check, Fitted, Quantity, at_least, at_most
 from host.config import Strip
 from host.messages import BoolArray, Image
@@ -48,7 +48,7 @@ class SearchedPicture:
         kept = [blob for blob in self.blobs if blob.kept]
         if not self.boxes:
             return min(len(kept), 1)
-        return sum(any(_inside(blob, box) for blob in kept) for box in self.boxes)
+        return sum(any(_inside(blob, [box]) for blob in kept) for box in self.boxes)
 
     @property
     def strips_given(self) -> int:
@@ -58,11 +58,8 @@ class SearchedPicture:
     @property
     def others(self) -> list[Blob]:
         """What is taken for a strip, but is in none of the boxes given."""
-        return [
-            blob
-            for blob in self.blobs
-            if blob.kept and self.boxes and not any(_inside(blob, box) for box in self.boxes)
-        ]
+        kept = [blob for blob in self.blobs if blob.kept and self.boxes]
+        return [blob for blob in kept if not _inside(blob, self.boxes)]
 
 
 def searched(
@@ -74,15 +71,12 @@ def searched(
     geometry: StripGeometry,
 ) -> SearchedPicture:
     """What a picture (h, w, 3), reduced, shows of the background. A strip of two colours: none."""
-    rows = len(geometry.drawn)
-    shown = picture[:rows]
-    band = (geometry.elevation >= geometry.lowest) & (geometry.elevation <= geometry.highest)
-    band &= geometry.drawn > 0
+    band, shown = band_of(geometry), picture[: len(geometry.drawn)]
     background = np.zeros(band.shape, dtype=bool)
     if strip.pattern == "one_colour":
         background = band & (StripColour(strip).mask(shown) > 0)
         for box in boxes or tuple(_boxes_of(blobs)):
-            background[_reduced(box)] = False
+            background[reduced(box, _SLACK_PX)] = False
     return SearchedPicture(name, boxes, tuple(blobs), background, int(np.count_nonzero(band)))
 
 
@@ -155,11 +149,11 @@ def _names(pictures: list[SearchedPicture]) -> str:
     return ", ".join(picture.name for picture in pictures)
 
 
-def _inside(blob: Blob, box: Box) -> bool:
-    left, top, width, height = box
-    return (
-        left - _SLACK_PX <= blob.x <= left + width + _SLACK_PX
-        and top - _SLACK_PX <= blob.y <= top + height + _SLACK_PX
+def _inside(blob: Blob, boxes: Sequence[Box]) -> bool:
+    return any(
+        -_SLACK_PX <= blob.x - left <= width + _SLACK_PX
+        and -_SLACK_PX <= blob.y - top <= height + _SLACK_PX
+        for left, top, width, height in boxes
     )
 
 
@@ -168,13 +162,3 @@ def _boxes_of(blobs: list[Blob]) -> Iterator[Box]:
         if blob.kept:
             left, top = blob.x - 0.5 * blob.width, blob.y - 0.5 * blob.height
             yield round(left), round(top), round(blob.width), round(blob.height)
-
-
-def _reduced(box: Box) -> tuple[slice, slice]:
-    """A box with its slack, in the reduced picture."""
-    left, top, width, height = box
-    rows, columns = (
-        slice(max(first - _SLACK_PX, 0) // SCALE, -(-(first + size + _SLACK_PX) // SCALE))
-        for first, size in ((top, height), (left, width))
-    )
-    return rows, columns

@@ -12,8 +12,6 @@ from host.calibration.result import (
     Fitted,
     Quantity,
     ReportPicture,
-    Role,
-    Series,
     at_least,
     at_most,
     thinned,
@@ -163,9 +161,8 @@ def _middles(problem: CeilingProblem, chosen: BoolArray) -> FloatArray:
 
 def _pictures(problem: CeilingProblem, fit: CeilingFit) -> tuple[ReportPicture, ...]:
     eye = fit.ceiling.eye
-    roles: tuple[tuple[str, BoolArray, Role], ...] = (
-        ("used", fit.used, "measured"),
-        ("not as a tag looks", ~fit.used, "refused"),
+    (x_used, y_used), (x_other, y_other) = (
+        _middles(problem, chosen).T for chosen in (fit.used, ~fit.used)
     )
     before = np.hypot(*np.moveaxis(problem.errors(problem.start), -1, 0)).max(axis=1)
     after = np.hypot(*np.moveaxis(fit.errors, -1, 0)).max(axis=1)
@@ -175,10 +172,9 @@ def _pictures(problem: CeilingProblem, fit: CeilingFit) -> tuple[ReportPicture, 
             title="Tags in the picture",
             x_label="x, px",
             y_label="above the lower border, px",
-            series=tuple(
-                Series(x=x, y=eye.height_px - y, label=label, role=role)
-                for label, chosen, role in roles
-                for x, y in [_middles(problem, chosen).T]
+            series=(
+                thinned(x_used, eye.height_px - y_used, "used", "measured"),
+                thinned(x_other, eye.height_px - y_other, "not as a tag looks", "refused"),
             ),
             caption="Good is all over the picture, into its corners.",
             equal=True,

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from host.calibration.result import ReportPicture, Role, Series
-from host.calibration.wheels.fit import Fit
+from host.calibration.wheels.fit import WINDOW_S, Fit
 from host.calibration.wheels.model import (
     LAGS,
     Drive,
     at,
     body_path,
     compose,
+    misses,
     relative,
 )
 from host.calibration.wheels.verdict import Coverage
@@ -49,6 +50,7 @@ def pictures(
             series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates), role="reference"),),
             caption="Each point is 2 s. Good: points above and below zero, and along it.",
         ),
+        _left_over(drives, found, before),
     )
 
 
@@ -103,4 +105,25 @@ def _headings(
         y_label="by the wheels minus true, deg",
         series=tuple(series),
         caption="What is left wanders; a line that still climbs steadily is geometry.",
+    )
+
+
+def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportPicture:
+    used = found.windows.where(found.used)
+    rates = np.degrees(used.moved[:, 2]) / WINDOW_S
+    old = misses(drives, *before, used)
+    return ReportPicture(
+        title="Heading missed in 2 s, by rotation rate",
+        x_label="rotation rate, deg/s",
+        y_label="by the wheels minus true, deg",
+        series=(
+            Series(x=rates, y=np.degrees(old[:, 2]), label="before", role="before"),
+            Series(
+                x=rates,
+                y=np.degrees(found.residuals[found.used, 2]),
+                label="fitted",
+                role="fitted",
+            ),
+        ),
+        caption="Before, a slope is the track and an offset the radii; fitted, neither is left.",
     )

@@ -263,7 +263,7 @@ def test_encoders_wired_otherwise_are_found(change, message):
 
 def test_pictures_have_the_same_length_in_x_and_y():
     found = calibrate([wandering(1)], Wheels(), Mocap())
-    assert len(found.pictures) == 3
+    assert len(found.pictures) == 4
     for picture in found.pictures:
         for series in picture.series:
             assert series.role

@@ -31,7 +31,7 @@ def run(*arguments: str | Path) -> Result:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive of a robot that is not as its configuration says."""
     path = tmp_path_factory.mktemp("drive") / "drive.mcap"
-    result = run("simulate", DRIVE, "--output", path)
+    result = run("simulate", DRIVE, "--sensors", "lidar", "--output", path)
     assert result.exit_code == 0, result.output
     return path
 
