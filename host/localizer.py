@@ -36,7 +36,7 @@ _PATIENCE_S = 0.2  # how long a measurement waits for the odometry of its time
 _SILENT_S = 0.5  # after this silence of the odometry, measurements no longer wait for it
 _TOO_LATE_S = 1.0  # measurements older than this are dropped
 _ALONE_S = 2.0  # without a measurement for this long the filter follows the odometry alone
-_LEAP_S = 10.0  # a message further ahead of all others is used once a second one agrees
+_LEAP_S = 10.0  # a message further ahead of all others is used when a second one agrees
 
 
 def unnoticed(measurement: Measurement, readings: Positions | Bearings) -> None:

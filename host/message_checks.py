@@ -33,14 +33,14 @@ _NUMBERS = (int, float, np.integer, np.floating)
 
 
 def check(message: object) -> None:
-    """Raise ValueError that reports in words what is wrong with a message, where something is."""
+    """Raise ValueError if a message is malformed, with what is wrong as text."""
     wrong = fault(message)
     if wrong is not None:
         raise ValueError(wrong)
 
 
 def fault(message: object) -> str | None:
-    """What is wrong with a message, in words; None where nothing is.
+    """The fault of a malformed message, as text; None if it is sound.
 
     Looked at are Scan, Positions, Bearings, Displacement and TeammateOdometry; of other things
     nothing is asked.

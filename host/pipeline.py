@@ -266,7 +266,7 @@ class Pipeline:
             self._report_failure("watcher", error, self._deliver)
 
     def _report(self) -> None:
-        """Report the localizer's own health, once a second or as soon as it can."""
+        """Report the localizer's own health, once per second or as soon as it can."""
         now = self._clock()
         seconds = now - self._last_health
         if seconds < _HEALTH_S:

@@ -149,7 +149,7 @@ def _no_sizes(robot: RobotConfig) -> PmbFilter:
     return PmbFilter(robot.filter, robot.lidar, camera)
 
 
-# What is left out, in words, and the filter without it.
+# What is left out, as text, and the filter without it.
 WITHOUT: dict[str, tuple[str, Callable[[RobotConfig], PmbFilter]]] = {
     "velocity": ("pmb_no_velocity", _with("_modes", lambda r: _WalkingModes(r.filter.pmb))),
     "modes of motion (one for all teammates)": ("pmb_one_mode", _with("_modes", _OneMode)),

@@ -120,7 +120,7 @@ def _function(tree: ast.Module, name: str) -> ast.FunctionDef:
 
 
 def mutants(tree: ast.Module, name: str) -> list[tuple[str, ast.Module]]:
-    """The mutants of one function: what was changed, in words, and the module with the change."""
+    """The mutants of one function: what was changed, as text, and the module with the change."""
     function, found = _function(tree, name), []
     for old, parent in list(_nodes(function)):
         whole = f"   in {_line(parent)}" if isinstance(old, ast.Constant) else ""

@@ -69,7 +69,7 @@ def _what(record: Record) -> list[object]:
 
 
 def draw(records: Sequence[Record]) -> None:
-    """Draw the pictures anew for which there are records."""
+    """Draw the pictures again for which there are records."""
     docs = ROOT / "docs"
     pixels = records_of(TABLES["pixels"], records)
     if pixels:

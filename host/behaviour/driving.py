@@ -1,4 +1,4 @@
-"""A behaviour at the wheel: what is known is gathered, it is asked, and safety has the last word.
+"""Drives by a behaviour: gathers its inputs, calls it, and lets safety overrule its command.
 
 The messages come from the threads of their devices, the estimates from the localizer's, and a
 thread of its own drives; so a slow filter ages estimates, but keeps nobody from braking.
@@ -63,7 +63,7 @@ class Driving:
         self._seen_from = np.zeros(3)
 
     def take(self, message: Message) -> None:
-        """Note what a device measured, in its thread."""
+        """Receive a device's message, in that device's thread."""
         if isinstance(message, Displacement):
             with self._lock:
                 self._path.append(message)
@@ -73,13 +73,13 @@ class Driving:
                 self._obstacles.add(message, self._path)
 
     def know(self, estimate: Estimate) -> None:
-        """Note where teammates are, in the localizer's thread."""
+        """Receive the present estimate, in the localizer's thread."""
         with self._lock:
             self._estimate = estimate
             self._seen_from = self._pose_at(estimate.time)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Drive until `stop` is set, then stand still; emit Health."""
+        """Drive until `stop` is set, then stop the robot; emit Health."""
         due = self._clock()
         try:
             while not stop.wait(max(0.0, due - self._clock())):
@@ -92,7 +92,7 @@ class Driving:
             self._send(0.0, 0.0)
 
     def step(self, now: float) -> Command:
-        """Ask the behaviour and send what safety lets through."""
+        """Call the behaviour and send the command that safety allows."""
         with self._lock:
             situation = self._situation(now)
             lost = self._lost(now)
@@ -107,7 +107,7 @@ class Driving:
         return command
 
     def _lost(self, now: float) -> str:
-        """Which sensor is lost, so that the robot must stand still; "": none."""
+        """The lost sensor for which the robot must stop; "": none."""
         if math.isinf(self._path.end) or math.isinf(self._obstacles.time):
             return "waiting for lidar and wheels"
         if now - self._path.end > ODOMETRY_S:
@@ -138,7 +138,7 @@ class Driving:
         self._speeds = ways / seconds, sum(step.dpsi for step in self._steps) / seconds
 
     def _pose_at(self, time: float) -> FloatArray:
-        """Where the robot is (3,) by the wheels; after their last report it drives on as before."""
+        """The pose (3,) by the wheels, extrapolated after their last report."""
         ahead = min(time - self._path.end, _COAST_S)
         if ahead <= 0.0:
             pose: FloatArray = self._path.poses(np.array([time]))[0]

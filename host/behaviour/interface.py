@@ -1,4 +1,4 @@
-"""What a behaviour is: from what is known now to a speed and a turn rate."""
+"""The interface of behaviours: from the present estimates to a speed and a turn rate."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,7 +24,7 @@ STILL = Command(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What is known at `time` (s), all of it in the robot's own frame of that moment.
+    """The inputs of a behaviour at `time` (s), all in the robot frame of that moment.
 
     obstacles (n, 2) m: what the lidar saw around the robot, the nearest in each direction, walls
     and teammates' turrets alike; where nothing came back it is filled in (`Obstacles`). ages (n,)
@@ -43,11 +43,11 @@ class Situation:
 
     @property
     def teammates(self) -> FloatArray:
-        """Where teammates are taken to be now: (k, 2) m."""
+        """Estimated positions of the teammates now: (k, 2) m."""
         return np.zeros((0, 2)) if self.estimate is None else self.estimate.positions
 
     def nearest(self, bearing: float, half_width: float) -> float:
-        """Distance (m) to the nearest thing within `half_width` of a bearing (rad); inf: nothing.
+        """Distance (m) to the nearest object within `half_width` of a bearing (rad); inf: none.
 
         From the robot's centre to a wall's or a turret's surface, or a teammate's middle.
         """
@@ -62,7 +62,7 @@ def _within(points: FloatArray, bearing: float, half_width: float) -> BoolArray:
 
 
 class Behaviour(Protocol):
-    """Anything with this method; it is asked at a fixed rate, RATE_HZ of `driving`."""
+    """Any object with this method, which is called at a fixed rate (RATE_HZ of `driving`)."""
 
     def command(self, now: Situation) -> Command | None:
-        """How it wants to drive now; None: it is done, and the robot stops."""
+        """The command now; None: it is done, and the robot stops."""

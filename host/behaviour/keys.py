@@ -1,11 +1,11 @@
-"""Driving by keys, with a dead man's rule: whoever lets go of the key stops the robot."""
+"""Driving by keys, with a dead-man switch: releasing the key stops the robot."""
 
 import threading
 
 from host.behaviour.interface import STILL, Command, Situation
 
-# A terminal tells of presses and repeats alone, never of a release, and it waits for up to half a
-# second before it repeats. So a first press drives slowly for that long, a held key at full speed.
+# A terminal reports presses and repeats, but no releases, and repeats after up to half a second. So
+# a first press drives slowly for that long, a held key at full speed.
 FIRST_S, HELD_S = 0.6, 0.12
 CREEP = 0.3  # share of the full speed
 TURN_RATE_RADPS = 1.5
@@ -46,7 +46,7 @@ class Keys:
             self._ended = True
 
     def command(self, now: Situation) -> Command | None:
-        """As the key wants that is held now."""
+        """The command of the key that is held now."""
         with self._lock:
             if self._ended:
                 return None

@@ -1,4 +1,4 @@
-"""What no behaviour can pass: the robot stops before walls and teammates, and where it is blind.
+"""Overrules every behaviour: the robot stops before obstacles and teammates, and without data.
 
 Rotation on the spot is always allowed, as the body is a disc; so a robot can leave what it stands
 before. Of a robot that is too near already every motion is allowed that brings it no nearer.
@@ -30,7 +30,7 @@ _SHARES = np.array([1.0, 0.75, 0.5, 0.25])  # of the wanted speed, tried in this
 
 
 class Safety:
-    """The last word on every command. halt: why it stopped the robot, in words; "": it did not."""
+    """Limits every command. halt: why it stopped the robot, as text; "": it did not."""
 
     def __init__(self, config: RobotConfig) -> None:
         wheels, motors = config.wheels, config.motors
@@ -44,7 +44,7 @@ class Safety:
         self.halt = ""
 
     def allowed(self, wanted: Command | None, now: Situation, lost: str) -> Command:
-        """What may be sent to the board. lost: which sensor is, in words; "": none is."""
+        """The command to send to the board. lost: the lost sensor, as text; "": none."""
         self.halt = lost
         seconds = min(max(now.time - self._time, 0.0), 0.1)
         self._time = now.time
@@ -62,7 +62,7 @@ class Safety:
         )
 
     def _slewed(self, wanted: Command, seconds: float) -> Command:
-        """No faster from the last command to this one than robot.toml's acceleration lets it."""
+        """The command limited to robot.toml's acceleration since the last one."""
         speed_change = self._braking * seconds
         rate_change = self._turn_acceleration * seconds
         last = self._last
@@ -73,7 +73,7 @@ class Safety:
         )
 
     def _kept_clear(self, command: Command, now: Situation) -> Command:
-        """The same arc or a tighter one, slow enough to stop on it before anything."""
+        """The same arc or a tighter one, slow enough to stop before any obstacle on it."""
         if command.speed_mps == 0.0:
             return command
         things, limits = self._things(now)
@@ -89,7 +89,7 @@ class Safety:
         return Command(0.0, command.turn_rate_radps)
 
     def _things(self, now: Situation) -> tuple[FloatArray, FloatArray]:
-        """What is near (k, 2) m, and how near the robot's centre may come to each (k,) m."""
+        """Near obstacles (k, 2) m, and the least distance (k,) m of the robot's centre to each."""
         seen = (
             BODY_RADIUS_M + self._overhang_m + MARGIN_M + MATE_MPS * np.minimum(now.ages, _OLDEST_S)
         )
@@ -104,7 +104,7 @@ class Safety:
 
 
 def arc(speed: float, turn_rate: float, length: float) -> FloatArray:
-    """Where the robot comes by (k, 2) m on its way of `length` (m) at this speed and turn rate."""
+    """Points (k, 2) m on the robot's arc of `length` (m) at this speed and turn rate."""
     count = max(1, math.ceil(length / _STEP_M))
     way = math.copysign(length, speed) * np.arange(1, count + 1) / count
     bend = way * (turn_rate / speed)

@@ -1,4 +1,4 @@
-"""What is wrong in a robot.toml, in words: the key, its line, the bound, and a guess."""
+"""What is wrong in a robot.toml, as text: the key, its line, the bound, and a guess."""
 
 import difflib
 import itertools
@@ -121,7 +121,7 @@ def explain_toml(error: ValueError, text: str) -> str:
     seen: dict[tuple[str, ...], int] = {}
     for number, names in _paths(text, None):
         path = tuple(names)
-        if lines[number - 1].lstrip().startswith("[["):  # another item, which begins anew
+        if lines[number - 1].lstrip().startswith("[["):  # another item, which restarts
             seen = {other: line for other, line in seen.items() if other[: len(path)] != path}
             continue
         first = seen.setdefault(path, number)

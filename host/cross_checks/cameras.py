@@ -1,4 +1,4 @@
-"""Lidar against cameras: do the bearings of strips meet the lidar's candidates, and the reverse?
+"""Lidar against cameras: do bearings of strips match the lidar's candidates, and vice versa?
 
 Twice a second while the robot moves, a picture is compared with the scan of its time. A robot that
 stands among standing things would only repeat itself: a teammate behind a pillar would be seen by

@@ -1,4 +1,4 @@
-"""Each sensor against the others: well-formed nonsense from one of them is reported in words.
+"""Each sensor against the others, to find one whose valid messages have wrong content.
 
 Everything goes by the messages' own times, so that a recording gives the same verdicts.
 """
@@ -17,7 +17,7 @@ _GAP_S = 0.2  # the odometry of a longer one is unknown
 
 
 class CrossChecks:
-    """Takes every message of a run and reports, once a second of their time, what contradicts."""
+    """Takes every message of a run and reports contradictions once per second of their time."""
 
     def __init__(self, config: RobotConfig) -> None:
         self._wheels = WheelsAgainstLidar(config)

@@ -1,6 +1,6 @@
 """Wheels against lidar: does the robot move as its encoders report?
 
-Once a second a scan is compared with one about a second older. Where it does not fit the motion
+Once per second a scan is compared with one about a second older. Where it does not fit the motion
 that the wheels report, but does fit another motion, wheels and lidar contradict each other.
 """
 
@@ -53,7 +53,7 @@ class _Verdict:
 
 
 class WheelsAgainstLidar:
-    """Collects one verdict a second and judges the last ten."""
+    """Collects one verdict per second and evaluates the last ten."""
 
     def __init__(self, config: RobotConfig) -> None:
         self.compared = 0

@@ -82,7 +82,7 @@ def _worst(finding: Finding) -> int:
 
 
 def _absent(rig: Rig) -> Sequence[Finding]:
-    """Parts that robot.toml does not name: nothing to check, which is said."""
+    """Findings for devices that are not in robot.toml: not checked."""
     absent = []
     if not any("camera" in name for name in rig.sources):
         absent.append("cameras")

@@ -1,4 +1,4 @@
-"""What the doctor found: one finding a line, ok, to be warned of, or failed, with the next step."""
+"""The doctor's findings: ok, warning or failure, each with the next step."""
 
 import textwrap
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing about a part of the robot, in words. next_step: what to do where it is not ok."""
+    """One thing about a part of the robot, as text. next_step: what to do where it is not ok."""
 
     part: str
     level: Level
@@ -37,7 +37,7 @@ def failed(part: str, error: UserError) -> Finding:
 
 
 def of_health(health: Health) -> list[Finding]:
-    """What a device's own Health says: how it does, and each remark that follows after "; "."""
+    """What a device's own Health says: its state, and each remark that follows after "; "."""
     part, lines = health.device, health.reason.splitlines()
     if not health.ok and len(lines) > 1:
         said = 1 if len(lines) == 2 else 2  # what to paste has lines of its own

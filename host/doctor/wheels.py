@@ -42,7 +42,7 @@ class Diagnosis:
 
 
 def diagnose(test: WheelTest, motors: Motors) -> Diagnosis:
-    """What the test of one wheel says of its motor and its encoder."""
+    """Findings from the test of one wheel about its motor and encoder."""
     name, other = SIDES[test.side], SIDES[1 - test.side]
     counted, seen = _mover(test.counted), None if test.seen is None else _mover(test.seen)
     if seen is None or test.seen is None:
@@ -106,7 +106,7 @@ def _which_way(side: int, moved_forward: bool, counted_forward: bool, motors: Mo
 
 
 def _without_lidar(test: WheelTest, counted: int | None, motors: Motors) -> Diagnosis:
-    """What the encoders alone say: the lidar saw no wheel move."""
+    """Findings from the encoders alone, if the lidar saw no motion."""
     name, other = SIDES[test.side], SIDES[1 - test.side]
     if counted is None:
         return _bad(

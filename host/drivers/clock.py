@@ -1,4 +1,4 @@
-"""A device's clock in the host's time: when was it, when the device's counter stood so?"""
+"""A device's clock in the host's time: at which host time had its counter a given value?"""
 
 import itertools
 from collections import deque
@@ -48,7 +48,7 @@ class ClockSync:
         self.forget()
 
     def forget(self) -> None:
-        """Start anew with the next pair, because the device did; the counts stay."""
+        """Start again with the next pair, because the device did; the counts stay."""
         self._counter: int | None = None
         self._device = 0.0
         self._blocks: deque[_Pair] = deque(maxlen=self.BLOCKS)
@@ -61,7 +61,7 @@ class ClockSync:
 
         counter: as sent, wrapped. arrival: host time (s) at which it came. Pairs come in the order
         in which the device sent them. A counter that wrapped goes on; one that jumped or stood
-        still starts anew and is counted in `restarts`.
+        still restarts and is counted in `restarts`.
         """
         device = self._unwrap(counter, arrival)
         if self._counter is not None and (

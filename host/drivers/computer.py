@@ -117,7 +117,7 @@ class Computer:
         self._health = HealthReporter(COMPUTER, clock, _PERIOD_S)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Health once a second until `stop` is set."""
+        """Emit Health once per second until `stop` is set."""
         past: list[Readings] = []
         while not stop.is_set():
             now = self._look()

@@ -1,4 +1,4 @@
-"""How a device driver reports its state: at each change, and once a second."""
+"""How a device driver reports its state: at each change, and once per second."""
 
 from collections.abc import Callable, Mapping
 

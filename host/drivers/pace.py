@@ -29,7 +29,7 @@ class Pace:
             self._held_up.append((now, late))
 
     def fault(self) -> UserError | None:
-        """That this computer is too slow, in words; None where it keeps up."""
+        """The error that this computer is too slow; None if it keeps up."""
         now = self._clock()
         while self._held_up and self._held_up[0][0] < now - _WINDOW_S:
             self._held_up.popleft()

@@ -125,7 +125,7 @@ def _why_closed(path: str, error: OSError) -> tuple[str, str]:
 
 
 def explain(error: OSError) -> str:
-    """Why a port does not open, read or write, in words."""
+    """Why a port does not open, read or write, as text."""
     if isinstance(error, serial.SerialTimeoutException):
         return "the device takes no more bytes"
     cause, _ = _CAUSES.get(_number(error) or 0, ("", ""))
@@ -133,7 +133,7 @@ def explain(error: OSError) -> str:
 
 
 def next_step(error: OSError) -> str:
-    """What to do about it, in words."""
+    """What to do about it, as text."""
     _, step = _CAUSES.get(_number(error) or 0, ("", ""))
     return step or "check the plug and the cable; it is tried again by itself"
 

@@ -1,4 +1,4 @@
-"""Who was measured, by truth: what the clairvoyant filter needs where no dataset says it."""
+"""Which teammate each reading measured, from truth: the input of the clairvoyant filter."""
 
 import bisect
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ BEARING_GATE_SIGMA = 4.0
 
 
 def label(measurement: Positions | Bearings, truth: Truth) -> Positions | Bearings:
-    """The measurement with identities filled in: each reading's robot, -1 where it is nobody's.
+    """The measurement with identities: the robot of each reading, -1 for none.
 
     truth: the other robots in the same frame at the measurement's time. Readings and robots are
     paired one to one at the least total cost, within 0.25 m or 4 standard deviations of bearing.
@@ -73,7 +73,7 @@ class TruthTrack:
 
 
 def label_by_track(measurement: Positions | Bearings, track: TruthTrack) -> Positions | Bearings:
-    """The measurement labelled from truth at its time; where there is none, all are nobody's.
+    """The measurement labelled from truth at its time; without truth every label is -1.
 
     Identities that a simulated camera or a dataset knows are kept.
     """

@@ -42,7 +42,7 @@ def score_by_track(
 
 
 def errors_m(estimate: Estimate, truth: Truth) -> FloatArray:
-    """How far each estimate (n,) is from the teammate it is matched with; nan where it is false."""
+    """Distance of each estimate (n,) to its matched teammate, m; nan for a false one."""
     i, j = gospa_pairs(truth.positions, estimate.positions, 2.0, CUT_OFF_M)
     errors = np.full(len(estimate.positions), math.nan)
     errors[j] = np.linalg.norm(truth.positions[i] - estimate.positions[j], axis=1)

@@ -1,4 +1,4 @@
-"""UMBmark: what squares in both directions say of a differential drive's odometry.
+"""UMBmark: systematic odometry errors of a differential drive, from squares both ways.
 
 Borenstein & Feng 1996, "Measurement and correction of systematic odometry errors in mobile robots",
 IEEE Transactions on Robotics and Automation 12(6). The measures and names are its own; its closed

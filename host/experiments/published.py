@@ -1,4 +1,4 @@
-"""Numbers that the papers state, to stand beside ours.
+"""Published results of the papers, to compare with ours.
 
 Perera 2021: section 4.1 (simulation: 20 robots in 6x6 m for 300 s) and figure 24 (real: 4 robots
 in 3x3 m). Belaroussi 2024 states no numbers: his results are pictures (docs/experiments.md says
@@ -28,7 +28,7 @@ MEAN_WEIGHT = {LIDAR_AND_CAMERA: 15.0}
 
 
 class Comparison(NamedTuple):
-    """One number: what it is, where it is published, and both values (nan: not published)."""
+    """One measure: its name, where it is published, and both values (nan: not published)."""
 
     measure: str
     where: str

@@ -47,7 +47,7 @@ class Records:
         return list(self._by_key.values())
 
     def replace(self, records: Iterable[Record]) -> None:
-        """Write the file anew with these records and no others."""
+        """Write the file again with these records and no others."""
         self._by_key = {record["key"]: record for record in records}
         self._write(self._by_key.values())
 

@@ -57,7 +57,7 @@ class Trial:
         return with_settings(self.base(), self.settings)
 
     def key(self) -> str:
-        """What tells its record from others': also the whole configuration, and the program."""
+        """The key of its record: also the whole configuration, and the program."""
         dump = json.dumps(self.config().model_dump(mode="json"), sort_keys=True)
         digest = hashlib.sha256((dump + _program()).encode()).hexdigest()[:12]
         return json.dumps([self.source, self.filter, self.sensors, dict(self.settings), digest])

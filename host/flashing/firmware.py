@@ -25,7 +25,7 @@ _FAILURE = re.compile(r"Error: ")
 class Firmware:
     """Built firmware. flash_bytes, ram_bytes: what it takes (of RAM: without the stack).
 
-    built_with: the tool and its version, in words.
+    built_with: the tool and its version, as text.
     """
 
     elf: Path

@@ -76,7 +76,7 @@ def platformio_obstacle() -> str:
 
 
 def _copy(project: Path, copy: Path) -> None:
-    """Copy the files of a project anew, without what was built in it."""
+    """Copy the files of a project again, without what was built in it."""
     shutil.rmtree(copy, ignore_errors=True)
     for file in files_in(project):
         part = file.relative_to(project)

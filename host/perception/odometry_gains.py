@@ -1,6 +1,6 @@
 """How far the robot really drives and rotates for what its wheels report, by the scans' own motion.
 
-What stands still, walls and posts, moves in the scans as the robot does. Once a second a scan is
+What stands still, walls and posts, moves in the scans as the robot does. Once per second a scan is
 matched with the one before (`scan_match`), and two gains are learnt from how both agree, each by a
 scalar Kalman filter: seen = gain * reported + noise, the gain a slow random walk around 1.
 """

@@ -2,7 +2,7 @@
 
 A record is one message of `swarmloc_msgs/msg/Record` in an MCAP file. Its data are a piece of a
 deflate stream (RFC 1951) that is flushed after each record, as WebSockets do it (RFC 7692): what
-was said before costs little to say again. The stream begins anew every RENEWAL records, so that a
+was said before costs little to say again. The stream restarts every RENEWAL records, so that a
 program may begin to read there. The CRC covers number, time and data, and each record carries the
 CRC of what the file holds for other tools since the record before.
 """

@@ -16,7 +16,7 @@ _CHUNK_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """output: the new file. fault: what was wrong, in words. messages: of all topics; records: of
+    """output: the new file. fault: what was wrong, as text. messages: of all topics; records: of
     these, ours."""
 
     output: Path

@@ -68,7 +68,7 @@ class Terminal:
         self._master = master  # last: whoever sees it plugged finds its path
 
     def unplug(self) -> None:
-        """Take the port away: who has it open gets an input/output error."""
+        """Remove the port: a host that has it open gets an input/output error."""
         if self._master is None:
             return
         master, self._master = self._master, None
@@ -77,7 +77,7 @@ class Terminal:
 
     @property
     def listening(self) -> bool:
-        """Has a host the port open? What is sent to nobody is lost."""
+        """Whether a host has the port open; else bytes are lost."""
         if self._master is None:
             return False
         poll = select.poll()
@@ -197,7 +197,7 @@ class LiveSimulation:
             raise self._failure
 
     def truth(self, time: float) -> Truth:
-        """Where the teammates truly are at the host's `time` (s), in the robot's frame.
+        """True positions of the teammates at the host's `time` (s), in the robot frame.
 
         Of times within the last minute. While the process is suspended the world stands still.
         """
@@ -286,7 +286,7 @@ class LiveSimulation:
                 terminal.unplug()
             elif not absent and not terminal.plugged:
                 terminal.plug()
-                if name == LIDAR:  # it has no power of its own and begins anew
+                if name == LIDAR:  # it has no power of its own and restarts
                     device.receive(self._simulation.lidar_entry.power_on, now)
 
 

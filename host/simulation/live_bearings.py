@@ -32,7 +32,7 @@ class LiveCamera:
         self._simulation = simulation
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Bearings when they arrive, and Health once a second, until `stop` is set."""
+        """Emit Bearings when they arrive, and Health once per second, until `stop` is set."""
         frame = 0
         next_health = 0.0
         while not stop.is_set():

@@ -43,8 +43,8 @@ class Simulation:
     """A scenario, one robot's devices in it, and what the host makes of their bytes.
 
     lidar and board: the devices at byte level, of the models that `config` names; camera: the
-    image pairs. built: the robot as it truly is; config: what the host knows of it. All times are
-    seconds since the scenario's start.
+    image pairs. built: the true robot; config: what the host knows of it. All times are seconds
+    since the scenario's start.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Simulation:
         self._exposures = 0
 
     def truth(self, time: float) -> Truth:
-        """Where the teammates truly are at `time` (s), in the observer's frame."""
+        """True positions of the teammates at `time` (s), in the observer's frame."""
         (poses,) = self.arena.poses(np.array([time]))
         return Truth(time, self._others, to_frame(poses[self._others, :2], poses[self._robot]))
 
@@ -119,18 +119,18 @@ class Simulation:
         )
 
     def forget(self, before: float) -> None:
-        """Forget how robots moved before `before` (s); no device may have to tell of it yet."""
+        """Forget the robots' motion before `before` (s), which no device may still need."""
         if self._encoders is not None:
             self._encoders.forget(before)
         self.arena.forget(before)
 
     @property
     def last_return(self) -> Callable[[], float] | None:
-        """When anything last came back to the lidar, s; None: it cannot tell."""
+        """When anything last came back to the lidar, s; None: unknown."""
         return last_return(self._decoder)
 
     def command(self, speed_mps: float, turn_rate_radps: float) -> None:
-        """What its host wants, as `Romeo.command`; in force until the next one."""
+        """Command it, as `Romeo.command`; in force until the next one."""
         self._wanted = ticks_for(self.config.wheels, speed_mps, turn_rate_radps)
 
     def messages(self) -> Iterator[Message]:

@@ -32,7 +32,7 @@ class CeilingCamera:
         self._undecoded = 0
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Bodies of each picture, of nobody too, and the driver's Health with what was found.
+        """Emit Bodies of each picture, also empty ones, and the driver's Health with the tags.
 
         Health is not ok where squares are seen, but none has the size of a tag.
         """

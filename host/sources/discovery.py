@@ -14,7 +14,7 @@ DEVICES = Path("/dev")
 
 
 def found_devices(known: RobotConfig, devices: Path = DEVICES) -> dict[str, str]:
-    """What robot.toml should say of devices that it does not know yet, by dotted key.
+    """Settings, by dotted key, of devices that are plugged in and not in robot.toml.
 
     A port or a camera that it names and that is there stays. Several of a kind stay unnamed, but
     cameras: the first one is taken for the front one. devices: the folder /dev.

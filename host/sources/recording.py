@@ -16,7 +16,7 @@ USUAL_RATE = 4e4  # bytes/s: of a lidar, a board, cameras' bearings and the esti
 OTHER_DISK = "use another card or disk, or record to one (--record /path/on/it/FILE)"
 DELETE = "delete what is not needed (ls -S *.mcap), or record to another disk"
 _PERIOD_S = 1.0
-_BEHIND_S = 2.0  # a disk is asked to make what it has safe once a second
+_BEHIND_S = 2.0  # a disk is asked to make what it has safe once per second
 _SHORT_S, _SOON_S = 4 * 3600.0, 900.0  # until the disk is full
 
 
@@ -31,7 +31,7 @@ class RecordingHealth:
         self._health = HealthReporter(RECORDING, clock, _PERIOD_S)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Health once a second until `stop` is set."""
+        """Emit Health once per second until `stop` is set."""
         begin, before = self._clock(), self._recorder.written
         while not stop.wait(_PERIOD_S):
             rate = (self._recorder.written - before) / (self._clock() - begin)

@@ -48,7 +48,7 @@ class Rig:
 
     @property
     def last_return(self) -> Callable[[], float] | None:
-        """When anything last came back to the lidar, host time (s); None: it cannot tell."""
+        """When anything last came back to the lidar, host time (s); None: unknown."""
         return last_return(self.sources[LIDAR])
 
     @property

@@ -20,7 +20,7 @@ _OFF = 0.25  # of the range's width, from its middle: half way to where strips a
 
 
 class StripColour:
-    """Keeps the pixels of strips that one camera found of late, and judges them. For one thread."""
+    """Checks the pixels of strips that one camera found recently. For one thread."""
 
     def __init__(self, strip: Strip, camera: Camera) -> None:
         self._strip, self._camera = strip, camera

@@ -1,4 +1,4 @@
-"""Who may read the stream: what a web page elsewhere must not, and who was not given the token.
+"""Access to the stream: refused to web pages of other origins and without the token.
 
 A page of another origin can make a browser ask this server for something; the browser then says
 where the page came from (Origin) and by which name it found this server (Host). Origin keeps
@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Rules of a server. port: where it listens; token: "" where none is asked for.
+    """Access rules of a server. port: where it listens; token: "" if none is needed.
 
     apps: origins that may read beside the server's own pages.
     """
@@ -26,7 +26,7 @@ class Access:
     apps: Sequence[str] = ()
 
     def refusal(self, target: str, host: str | None, origins: Sequence[str]) -> str:
-        """Why a request may not pass, in words; "" where it may.
+        """Why a request may not pass, as text; "" where it may.
 
         target: path and query; host: its Host; origins: its Origin headers, none from a program.
         """

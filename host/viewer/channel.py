@@ -1,4 +1,4 @@
-"""The newest of something for any number of readers: whoever is slow skips and delays nobody."""
+"""The newest value for any number of readers: a slow one skips values and delays no other."""
 
 import asyncio
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ class Channel:
 
     @property
     def wanted(self) -> bool:
-        """Does anybody read? What nobody reads need not be made."""
+        """Whether there are readers; else values need not be made."""
         return bool(self.readers)
 
     async def publish(self, *messages: str | bytes) -> None:

@@ -1,4 +1,4 @@
-"""A gate before a WebSocket server that lets everybody in: who may not read is turned away.
+"""A proxy with access control before a WebSocket server that has none.
 
 The server behind it listens on a loopback address of this computer that is drawn at random, so that
 a web page cannot guess it: 2^24 addresses with some 2^15 ports each.
@@ -20,7 +20,7 @@ _END = b"\r\n"  # of a line
 
 
 def hidden_address() -> str:
-    """A loopback address that nobody guesses."""
+    """A random loopback address."""
     return str(ipaddress.IPv4Address(0x7F000000 + 2 + secrets.randbelow(2**24 - 4)))
 
 
@@ -81,7 +81,7 @@ class Gate(LoopThread):
 
 
 def refused(head: bytes, access: Access) -> str:
-    """Why a request (its line and its headers) may not pass, in words; "" where it may.
+    """Why a request (its line and its headers) may not pass, as text; "" where it may.
 
     Raises ValueError for what is no request.
     """

@@ -17,7 +17,7 @@ _SPEEDS = (0.01, 1000.0)
 
 
 class SeekBackError(Exception):
-    """The replay is to begin anew: what was asked for is before the present."""
+    """The replay is to restart: what was asked for is before the present."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class Playback:
         self._stepping = False
 
     def rest(self, show: Callable[[], None]) -> None:
-        """Stay at the end until `show` raises something; to play from there is to begin anew."""
+        """Stay at the end until `show` raises something; to play from there is to restart."""
         with self._news:
             self._playing = self._stepping = False
         while True:

@@ -1,4 +1,4 @@
-"""What a watcher is told: one JSON message that says all that is known now (docs/stream.md)."""
+"""The stream's messages: one JSON object with everything known now (docs/stream.md)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ _SHOWN_S = 1.0  # a scan or bearings older than this are no longer shown
 
 
 class Scene:
-    """The newest of everything, told in the robot's frame of one moment.
+    """The newest messages, transformed into the robot frame of one moment.
 
     Not for several threads: `take` and `tell` belong to the localizer's.
     """
@@ -52,7 +52,7 @@ class Scene:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all that was taken: a replay begins anew."""
+        """Forget all that was taken: a replay restarts."""
         self._path = Path()
         self._scan: Scan | None = None
         self._candidates: Positions | None = None
@@ -60,7 +60,7 @@ class Scene:
         self._devices: dict[str, Health] = {}
 
     def take(self, message: Message) -> None:
-        """Note what a message says."""
+        """Receive a message."""
         if isinstance(message, Displacement):
             self._path.append(message)
         elif isinstance(message, Scan):
@@ -108,7 +108,7 @@ class Scene:
         }
 
     def _scan_at(self, path: Path, time: float) -> list[list[float]]:
-        """Where the lidar's returns are now, if they stood still since: [[x, y], ...]."""
+        """The lidar's returns now, assumed stationary: [[x, y], ...]."""
         scan = self._scan
         if scan is None or time - scan.time >= _SHOWN_S:
             return []
@@ -137,7 +137,7 @@ def _bearings_at(path: Path, time: float, seen: Bearings) -> dict[str, Any]:
 
 
 def blobs(seen: Bearings) -> dict[str, Any]:
-    """What was found in a camera's picture, for who is shown it: pixels, rad, m.
+    """Detections in a camera's picture, to be drawn on it: pixels, rad, m.
 
     Nothing, where it is not known at which pixels.
     """

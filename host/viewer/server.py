@@ -77,11 +77,11 @@ class Viewer(LoopThread):
         self._scene.take(message)
 
     def clear(self) -> None:
-        """Forget what was taken: a replay begins anew."""
+        """Forget what was taken: a replay restarts."""
         self._scene.clear()
 
     def look(self, now: Now) -> None:
-        """Tell the readers what is known now, in the localizer's thread; nothing without any."""
+        """Send the present state to the readers, if any, in the localizer's thread."""
         if self._channels[_STREAM].wanted:
             self._send(_STREAM, _json(self._scene.tell(now)))
 

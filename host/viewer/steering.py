@@ -32,7 +32,7 @@ class Steering:
             self._let_go(connection)
 
     def _obey(self, connection: ServerConnection, message: str | bytes) -> str:
-        """Do as a message says. Returns what is wrong, in words; "": nothing is."""
+        """Do as a message says. Returns what is wrong, as text; "": nothing is."""
         now = time.monotonic()
         try:
             said = json.loads(message)

@@ -4,7 +4,7 @@
 
 One simulated drive under motion capture is recorded; the commands of an afternoon (wheels, lidar,
 camera) fit robot.toml to it. Then other drives of the same robot are simulated and scored with each
-of the three configurations, its devices' bytes and pictures read anew each time.
+of the three configurations, its devices' bytes and pictures read again each time.
 """
 
 import argparse

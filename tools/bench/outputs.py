@@ -1,4 +1,4 @@
-"""What recording and the live page cost a robot: shares of a core, and bytes a second.
+"""What recording and the live page cost a robot: shares of a core, and bytes per second.
 
     python tools/bench/outputs.py
 
@@ -6,8 +6,8 @@ Recorded is what 30 s of a scenario measure, with the estimates made of it, as a
 truth, which a robot has not, is left out. The share is the recorder's; a copy of the file's bytes
 is the floor.
 
-The end of a swarm20 run is told to a viewer ten times a second for six seconds; readers are another
-process. The share is that of this process: building the message, and sending it.
+The end of a swarm20 run is sent to a viewer ten times per second for six seconds; readers are in
+another process. The share is that of this process: building the message, and sending it.
 """
 
 import shutil

@@ -2,7 +2,7 @@
 
     python tools/bench/page.py
 
-The end of a swarm20 run is told to a headless Chromium (drawing in software) 60 times a second.
+The end of a swarm20 run is told to a headless Chromium (drawing in software) 60 times per second.
 Needs chromium and chromium-driver (Debian), and selenium (extra `test`).
 """
 
@@ -31,7 +31,7 @@ setTimeout(() => { draw = plain; done([drawn / 5, spent / drawn]); }, 5000);
 
 
 def main() -> None:
-    """Measure, and print frames a second and what one costs the browser."""
+    """Measure, and print frames per second and what one costs the browser."""
     run = simulate_scenario("swarm20:seconds=8,seed=1", None)
     (*_, last) = localize(run.messages, run.config)
     scene = Scene(run.config, run.config.filter.profile)

@@ -237,7 +237,7 @@ COLUMNS: dict[str, Callable[[Row], str]] = {
 
 
 def failures(rows: dict[int, Row]) -> list[str]:
-    """The floors that were missed, in words."""
+    """The floors that were missed, as text."""
     missed = []
     for n in RATIO_AT:
         if n in rows and rows[n].ratio < LEAST_RATIO:

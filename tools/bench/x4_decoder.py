@@ -10,7 +10,7 @@ Both deliver Python objects a point; ours arrays a revolution, with times, count
 
 PyLidar3 asks its port for 6000 bytes at a time (its default; with 512 it would be several times
 slower), which a port waits for; lds2d takes what its transport returns. Both are given an object
-that hands out the stream and then raises EOFError. Sleeps are replaced.
+that returns the stream and then raises EOFError. Sleeps are replaced.
 """
 
 import argparse

@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 class StepError(Exception):
-    """A step that failed, in words: what, and what to do."""
+    """A step that failed, as text: what, and what to do."""
 
 
 class Machine:

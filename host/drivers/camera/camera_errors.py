@@ -1,4 +1,4 @@
-"""What the kernel refuses of a camera, in words: what happened, why, and the next step."""
+"""What the kernel refuses of a camera, as text: what happened, why, and the next step."""
 
 import errno
 import os

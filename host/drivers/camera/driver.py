@@ -1,4 +1,4 @@
-"""One camera, or what stands for it: JPEG pictures with their times, and its Health."""
+"""One camera, or its replacement: JPEG pictures with their times, and its Health."""
 
 import math
 import os
@@ -66,7 +66,7 @@ class CameraDriver:
         self._wrong: tuple[int, int] | None = None  # the size that the last picture has instead
 
     def run(self, emit: Callable[[Picture | Health], None], stop: threading.Event) -> None:
-        """Emit a Picture each, and a Health a second and a change of state, until `stop` is set.
+        """Emit every Picture, and Health once per second and at a change of state, until `stop`.
 
         Failures of the source are reported as Health and tried again; it raises only what is the
         program's own fault. Without a source ("none") it returns at once.
@@ -155,7 +155,7 @@ class CameraDriver:
         )
 
     def _report(self, ok: bool, reason: str, source: FrameSource) -> None:
-        """Emit Health at a change of state and once a second."""
+        """Emit Health at a change of state and once per second."""
         self._health.report(self._emit, ok, reason, lambda: self._all_counts(source))
 
     def _all_counts(self, source: FrameSource | None) -> dict[str, int]:

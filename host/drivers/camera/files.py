@@ -38,7 +38,7 @@ class FrameSource(Protocol):
     def read(self, stop: threading.Event) -> CameraFrame | None:
         """The next picture, or None after some WAIT_S without one or when `stop` is set.
 
-        Raises UserError where the source has to be opened anew.
+        Raises UserError where the source has to be opened again.
         """
 
     def remarks(self) -> list[str]:

@@ -67,7 +67,7 @@ class Liveness:
         return [f"the pictures are dim (level {look.level:.0f} of 255): switch on more light"]
 
     def pause(self) -> None:
-        """No pictures come for now: the rate is judged anew when they do."""
+        """No pictures come for now: the rate is judged again when they do."""
         self._arrived.clear()
 
     def _frozen(self) -> UserError | None:

@@ -118,7 +118,7 @@ class VideoDevice:
         return found
 
     def set_rate(self, rate_hz: float) -> float:
-        """Ask for so many pictures a second; returns how many it will give, 0 where unknown."""
+        """Ask for so many pictures per second; returns how many it will give, 0 where unknown."""
         asked = struct.pack(_RATE, _CAPTURE, 0, 0, 1000, round(1000 * rate_hz), 0)
         try:
             answer = self._ask(S_PARM, asked.ljust(_RATE_BYTES, b"\0"))

@@ -48,7 +48,7 @@ class NatNetClient:
         self._health = HealthReporter(MOCAP, clock, _HEALTH_PERIOD_S)
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Bodies a frame and a Health a second and a change of state, until `stop` is set.
+        """Emit Bodies per frame, Health once per second and at a change of state, until `stop`.
 
         Bodies are stamped with the middle of their exposure, in host time, and hold the tracked
         bodies, in the floor's frame. Failures of the network and the server are reported as Health
@@ -236,7 +236,7 @@ class NatNetClient:
         self._report(False, str(error))
 
     def _report(self, ok: bool, reason: str, certain: bool = False) -> None:
-        """Emit Health at a change of state and once a second. certain: frames came all the same."""
+        """Emit Health at a change of state and once per second. certain: frames came."""
         counts = {**self._counts, **self._decoder.counts}
         self._health.report(self._emit, ok, reason, lambda: counts, certain)
 

@@ -28,10 +28,10 @@ class EchoClock:
     BLOCKS = 60
     LEAST_SPAN_S = 10.0
     LARGEST_DRIFT = 5e-4  # as fast as a computer's clock is ever made to run to catch up
-    JUMP_S = 0.05  # further off than the round trip explains: the server began to count anew
+    JUMP_S = 0.05  # further off than the round trip explains: the server began to count again
 
     def __init__(self, clock_hz: int) -> None:
-        """clock_hz: ticks a second."""
+        """clock_hz: ticks per second."""
         self.restarts = 0
         self._hz = clock_hz
         self._base = 0

@@ -53,7 +53,7 @@ class MocapSession:
             link.send(echo_request(self._questions))
 
     def answer(self, echo: Echo) -> int:
-        """Take in the server's clock; 1 where it has started to count anew, else 0."""
+        """Take in the server's clock; 1 where it has started to count again, else 0."""
         sent = dict(self._asked).get(echo.asked)
         if self._echo is None or sent is None:
             return 0

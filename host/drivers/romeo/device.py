@@ -19,7 +19,7 @@ from host.errors import UserError
 from host.messages import DeviceBytes, DeviceIdentity, Message
 
 BAUDRATE = 115200  # of no effect on native USB, but 1200 would start the bootloader
-COMMAND_LIFE_S = 0.12  # whoever commands sends anew well before
+COMMAND_LIFE_S = 0.12  # whoever commands sends again well before
 READ_TIMEOUT_S = 0.02
 
 
@@ -48,7 +48,7 @@ class Romeo:
             self._wanted = wanted, self._clock()
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit Displacement, and Health a second and a change of state, until `stop` is set.
+        """Emit Displacement, and Health once per second and at a change of state, until `stop`.
 
         Failures of the device are reported as Health, and it is tried again; it raises only what
         is the program's own fault.

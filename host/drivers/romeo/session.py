@@ -27,7 +27,7 @@ from host.messages import Displacement
 ASK_PERIOD_S = 0.5  # hello, and the settings, until they are answered
 VELOCITY_PERIOD_S = 0.05  # well within the board's command timeout
 PATIENCE_S = 1.0  # to wait for an answer or a displacement before it is called missing
-RESTART_S = 0.5  # a clock so far from what it should show began anew; frames are later by less
+RESTART_S = 0.5  # a clock so far from what it should show restarted; frames are later by less
 STILL = (0, 0)
 _FLASH = "run `swarmloc flash`"
 
@@ -50,7 +50,7 @@ class BoardSession:
         self._greet(0.0)
 
     def connect(self, now: float) -> None:
-        """A port was opened at `now` (s): greet whoever is there."""
+        """A port was opened at `now` (s): ask the device for its identity."""
         self._counts["connections"] += 1
         self._decoder.feed(DELIMITER)
         self._connected, self._heard, self._restarted = now, False, False
@@ -76,7 +76,7 @@ class BoardSession:
         return self._identity is not None and self._identity.protocol_hash == PROTOCOL_HASH
 
     def identity(self) -> dict[str, str]:
-        """What the board says of itself, by name; empty before it has introduced itself."""
+        """The board's identity, by name; empty before it has sent it."""
         found = self._identity
         if found is None:
             return {}
@@ -195,7 +195,7 @@ class BoardSession:
         return encode(VelocityFrame(*STILL)) if self.greeted else b""
 
     def state(self, now: float) -> tuple[bool, str]:
-        """Does the board deliver, and if not, why and what to do (in words)."""
+        """Whether the board works; if not, why and what to do, as text."""
         identity = self._identity
         if identity is None:
             return False, self._unanswered(now)

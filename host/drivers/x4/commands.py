@@ -46,7 +46,7 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """What the lidar says of itself. status 0 good, 1 warning, 2 fault; error: its code."""
+    """The lidar's own health report. status 0 good, 1 warning, 2 fault; error: its code."""
 
     status: int
     error: int

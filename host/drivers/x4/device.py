@@ -29,7 +29,7 @@ _REPLY_WAIT_S = 1.0
 _SPIN_UP_S = 6.0  # a motor may take 3.6 s to reach its speed
 _SILENCE_S = 1.0
 _SCAN_AGAIN_S = 5.0
-# Connecting again starts the motor anew, which costs a slow one its speed.
+# Connecting again starts the motor again, which costs a slow one its speed.
 _GIVE_UP_S = 20.0
 _HEALTH_PERIOD_S = 1.0
 READ_TIMEOUT_S = 0.05
@@ -62,7 +62,7 @@ class X4:
         return self._decoder.last_return
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
-        """Emit a Scan a revolution, Health a second and at a change of state, until `stop` is set.
+        """Emit Scan per revolution, Health once per second and at a change of state, until `stop`.
 
         Failures of the device are reported as Health and tried again; it raises only what is the
         program's own fault. Scan times are `delay_s` before what the sample clock says.
@@ -236,7 +236,7 @@ class X4:
         self._report(False, str(error), certain=True)
 
     def _report(self, ok: bool, reason: str, certain: bool = False) -> None:
-        """Emit Health at a change of state and once a second."""
+        """Emit Health at a change of state and once per second."""
         counts = self._decoder.counts
         self._health.report(
             self._emit,

@@ -9,7 +9,7 @@ _ENOUGH_PACKETS = 3
 
 
 def unknown_format(data: bytes) -> str | None:
-    """What is different about the packets in `data` (some 4 kB), in words; None: nothing is known.
+    """What is different about the packets in `data` (some 4 kB), as text; None: nothing is known.
 
     A checksum that is right by chance is rare, so packets whose checksum is right although no X4
     sends them belong to another device. Where none is right the line may be damaged.

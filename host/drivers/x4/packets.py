@@ -1,4 +1,4 @@
-"""The sample packets of the YDLidar X4: layout, angle correction, and how to tell one from noise.
+"""The sample packets of the YDLidar X4: layout, angle correction, and checks against noise.
 
     AA 55 | CT | LSN | FSA (2) | LSA (2) | CS (2) | Si (2) x LSN        little-endian
 
@@ -57,7 +57,7 @@ def angle_correction(ranges: ArrayLike) -> FloatArray:
 class PacketHeader(NamedTuple):
     """The fields of a packet that looks sound.
 
-    speed_tenths: in 0.1 revolutions a second, in the first packet of one; 0 where not reported.
+    speed_tenths: in 0.1 revolutions per second, in the first packet of one; 0 where not reported.
     size: samples; first: raw angle of the first, 1/64 deg; span: from there to the last one.
     """
 

@@ -37,7 +37,7 @@ def delayed(scan: Scan, delay_s: float) -> Scan:
 class ScanDecoder:
     """Turns the byte stream of an X4, cut anywhere, into scans and replies.
 
-    counts: by name, since the start. speed_hz: revolutions a second as the lidar reports them, 0
+    counts: by name, since the start. speed_hz: revolutions per second as the lidar reports them, 0
     where it does not. motor_hz: the same by the angles of the last revolution. last_return: when
     the newest packet came in which anything came back, host time, s.
     A packet is held back until its checksum is right and what follows it does not speak against
@@ -68,7 +68,7 @@ class ScanDecoder:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what is half read: the stream begins anew. Counts go on."""
+        """Forget what is half read: the stream restarts. Counts go on."""
         self._buffer = b""
         self._arrivals: list[tuple[int, float]] = []  # (end in the buffer, when) of each chunk
         self._clock = SampleClock()

@@ -1,4 +1,4 @@
-"""The state of an X4 in words: why it is silent, what is wrong with its bytes, how it does."""
+"""The state of an X4 as text: why it is silent, and what is wrong with its bytes."""
 
 from dataclasses import dataclass
 

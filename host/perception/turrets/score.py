@@ -3,7 +3,7 @@
 What furnished rooms show in a turret's size: chair and table legs, strips of wall between two
 nearer things, walls at grazing incidence that fall to pieces. A logistic model of a few features
 tells them apart; tools/fit_turret_score.py fits it to recorded rooms with turrets cut into them and
-to simulated ones, and reports how it does in rooms that it was not fitted to.
+to simulated ones, and reports its state in rooms that it was not fitted to.
 """
 
 import numpy as np

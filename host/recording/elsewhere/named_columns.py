@@ -45,7 +45,7 @@ class Units:
 
 
 def units_of(text: str) -> Units:
-    """Units as written: "s,m,rad", "ms,mm,deg". Raises ValueError, in words, for others."""
+    """Units as written: "s,m,rad", "ms,mm,deg". Raises ValueError, as text, for others."""
     parts = [part.strip() for part in text.split(",")]
     tables = (_TIMES, _LENGTHS, _ANGLES)
     known = ",".join("|".join(table) for table in tables)

@@ -43,7 +43,7 @@ def calibrate_gathered(kind: CalibrationKind, gathered: Gathered) -> Calibration
 
 
 def lacking(kind: CalibrationKind, gathered: Gathered) -> str:
-    """Which readings a kind of fit needs and there are none of, in words; "" where it has them."""
+    """Which readings a kind of fit needs and there are none of, as text; "" where it has them."""
     if kind == "wheels":
         return "" if any(step.ticks for step in gathered.displacements) else "wheel ticks"
     if kind == "joint":

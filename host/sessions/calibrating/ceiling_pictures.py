@@ -78,7 +78,7 @@ def tags_seen_live(
 ) -> FloatArray:
     """Corners (n, 4, 2) px of the tags that the camera sees until `stop` is set.
 
-    show: gets the number of tags so far and how the camera does, once a second. Raises UserError
+    show: gets the number of tags so far and how the camera does, once per second. Raises UserError
     where there is no camera.
     """
     if ceiling.eye.source == "none":

@@ -136,7 +136,7 @@ def gather_from_devices(
 ) -> RunOutcome:
     """Gather into `drive` until `stopped()` or for `seconds`, and record it all.
 
-    watch: called once a second. driver: drives the robot, else somebody else does. What failed is
+    watch: called once per second. driver: drives the robot, else somebody else does. What failed is
     in the outcome; what was driven is kept
     all the same.
     """

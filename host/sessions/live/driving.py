@@ -18,7 +18,7 @@ def drive_rig(stack: contextlib.ExitStack, robot: RobotConfig, scenario: str | N
 
 
 def driving_of(rig: Rig, behaviour: Behaviour) -> Driving:
-    """The behaviour at the wheel of these devices."""
+    """Drives these devices by the behaviour."""
     return Driving(rig.config, behaviour, rig.board.command, rig.last_return)
 
 

@@ -46,7 +46,7 @@ class Watcher(Protocol):
         """Note a message, or what was found in a measurement."""
 
     def look(self, now: Now) -> None:
-        """Show what is known at this moment; ten times a second."""
+        """Show the present estimate; ten times per second."""
 
 
 def never() -> bool:
@@ -55,7 +55,7 @@ def never() -> bool:
 
 
 def nothing() -> None:
-    """A run that nobody watches."""
+    """Default for `watch`: ignore it."""
 
 
 def run_devices(
@@ -130,7 +130,7 @@ class _Shown:
             watcher.take(readings)
 
     def look(self, now: Now) -> None:
-        """Show what is known now."""
+        """Show the present estimate."""
         if self._naming is not None:
             now = replace(now, names=self._naming.at(now.estimate.time))
         for watcher in self._watchers.values():

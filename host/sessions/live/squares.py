@@ -1,4 +1,4 @@
-"""Squares driven both ways, and how far from their starts they ended."""
+"""Squares driven in both directions, and their return errors."""
 
 import contextlib
 import time
@@ -28,13 +28,13 @@ PATIENCE_S = 15.0  # with what stops it: somebody walks away, a wall does not
 
 
 class Once:
-    """A behaviour that begins when `ready()`; until then the robot stands."""
+    """A behaviour that starts when `ready()`; until then the robot stands still."""
 
     def __init__(self, behaviour: Behaviour, ready: Callable[[], bool]) -> None:
         self._behaviour, self._ready, self._began = behaviour, ready, False
 
     def command(self, now: Situation) -> Command | None:
-        """What the behaviour wants, once it has begun."""
+        """The behaviour's command, once it has started."""
         self._began = self._began or self._ready()
         return self._behaviour.command(now) if self._began else STILL
 
@@ -55,7 +55,7 @@ def drive_square(
     stopped: Callable[[], bool] = never,
     watch: Callable[[str], None],
 ) -> Gathered:
-    """Once around; what the devices delivered. watch: told ten times a second why it stands.
+    """Drive once around; returns the messages. watch: called with why the robot stands, 10 Hz.
 
     Raises UserError where it did not come around: it was stopped, or has stood for PATIENCE_S.
     """
@@ -95,13 +95,13 @@ def drive_square(
 
 
 class Standing:
-    """For how long the robot has stood, and why it does."""
+    """How long the robot has been standing, and why."""
 
     def __init__(self) -> None:
         self.halt, self.seconds, self._since = "", 0.0, 0.0
 
     def note(self, halt: str, now: float) -> None:
-        """halt: why it stands now, "" while it drives; now: s."""
+        """halt: why it stands, "" while it drives; now: s."""
         if not self.halt or not halt:
             self._since = now
         self.halt, self.seconds = halt, now - self._since

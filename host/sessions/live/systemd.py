@@ -1,4 +1,4 @@
-"""A run as a service of systemd: ready once every device is healthy, alive once a second.
+"""A run as a service of systemd: ready when every device is healthy; feeds the watchdog.
 
 systemd's protocol is a datagram of lines to the socket that it names (sd_notify(3)).
 """
@@ -31,7 +31,7 @@ class Service:
         self._ready = False
 
     def take(self, message: Message) -> None:
-        """Note how a device does; with the localizer's report, say what is known."""
+        """Note a device's state; at the localizer's report, notify systemd."""
         if not isinstance(message, Health):
             return
         self._health[message.device] = message

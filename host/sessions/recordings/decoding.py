@@ -28,7 +28,7 @@ class Redecoder:
         self._made: dict[str, deque[Scan | Displacement]] = {}  # by device, not yet handed out
 
     def of(self, messages: Iterator[Message]) -> Iterator[Message]:
-        """The messages of a recording, scans and displacements made anew."""
+        """The messages of a recording, scans and displacements made again."""
         for message in messages:
             if isinstance(message, DeviceBytes):
                 self._decode(message)

@@ -43,12 +43,12 @@ Progress = Callable[[float, float], None]
 
 
 def unseen(time: float, seconds: float) -> None:
-    """Progress that nobody follows."""
+    """Default for progress: ignore it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What one robot's devices said, in order, and where its teammates truly were.
+    """One robot's messages, in order, and the true positions of its teammates.
 
     name: the source as the user wrote it. scenario: where it was simulated just now. faults:
     what was wrong with its sensors.

@@ -20,7 +20,7 @@ from host.recording.elsewhere.named_columns import BodyPath, Units
 class TruthFile:
     """A file of true paths, which body in it is the robot's ("": the only one), and its units.
 
-    report: gets how it was aligned in time, in words.
+    report: gets how it was aligned in time, as text.
     """
 
     path: Path

@@ -27,7 +27,7 @@ class BoardKind(NamedTuple):
 def motion_of(
     board: RomeoStandIn | RomeoElfDevice, robot: RobotConfig, wheels: Wheels
 ) -> MotorDriven | CommandDriven:
-    """What turns the wheels of a robot that obeys this board. wheels: as they truly are."""
+    """What turns the wheels of a robot that obeys this board. wheels: as they actually are."""
     motors = robot.motors
     if isinstance(board, RomeoElfDevice):
         return MotorDriven(lambda: board.board.motors, motors)

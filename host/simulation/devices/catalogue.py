@@ -51,7 +51,7 @@ class Emulator(Protocol):
 
 @runtime_checkable
 class Returning(Protocol):
-    """A lidar's driver or decoder that tells before its revolution is complete that it sees.
+    """A lidar's driver or decoder that reports returns before its revolution is complete.
 
     last_return: when anything last came back to it, host time, s.
     """
@@ -60,7 +60,7 @@ class Returning(Protocol):
 
 
 def last_return(lidar: object) -> Callable[[], float] | None:
-    """When anything last came back to a driver or decoder, host time (s); None: it cannot tell."""
+    """When anything last came back to a driver or decoder, host time (s); None: unknown."""
     return (lambda: lidar.last_return) if isinstance(lidar, Returning) else None
 
 

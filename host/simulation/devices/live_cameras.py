@@ -25,7 +25,7 @@ class PictureFeed:
         os.mkfifo(path)
 
     def listening(self) -> bool:
-        """Has a host the pipe open? Pictures for nobody need not be made."""
+        """Whether a host has the pipe open; else no pictures are made."""
         if self._handle is None:
             # Fails as long as nobody reads.
             with contextlib.suppress(OSError):
@@ -99,7 +99,7 @@ class LiveCameras:
             thread.start()
 
     def stand_still(self, seconds: float) -> None:
-        """Leave out a time in which the world stood still."""
+        """Leave out a time in which the simulation was paused."""
         self._start += seconds
 
     def stop(self) -> None:

@@ -109,7 +109,7 @@ class DrivenRobot:
     """A board that drives two wheels and counts what they turn: the loop through the real sketch.
 
     wheels: (left, right); supply_v: battery at the motors; both may be changed at any time.
-    pose: where the robot truly is: x, y (m) and heading (rad, not wrapped), from (0, 0, 0).
+    pose: the true pose: x, y (m) and heading (rad, not wrapped), from (0, 0, 0).
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class DrivenRobot:
 
     @property
     def angles(self) -> tuple[float, float]:
-        """How far the wheels (left, right) have truly turned, rad."""
+        """True rotation of the wheels (left, right) since the start, rad."""
         return self.wheels[LEFT].angle, self.wheels[RIGHT].angle
 
     def run(self, until: float) -> None:

@@ -31,7 +31,7 @@ class RomeoElf:
 
     All times are virtual, s. The same calls give the same bytes at the same times. The USB cable
     is plugged in: 0.11 s after the sketch attaches, the host has configured it. After a reset the
-    host finds it anew, with the port closed. One thread at a time may use it.
+    host finds it again, with the port closed. One thread at a time may use it.
 
     reading: whether the host reads what the board sends, while the port is open.
     """

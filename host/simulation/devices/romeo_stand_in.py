@@ -77,7 +77,7 @@ class _Odometry:
 
 
 class _FollowedWheel:
-    """Does a wheel follow what it is asked for?"""
+    """Does a wheel follow its command?"""
 
     def __init__(self) -> None:
         self.ran_away = False

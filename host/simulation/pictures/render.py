@@ -209,7 +209,7 @@ def frames(
     turn_rate_radps: float = 1.0,
     beside_bin: bool = False,
 ) -> Iterator[tuple[bytes, Sightings]]:
-    """Yield `count` pictures (JPEG) of random scenes and what is truly visible in each.
+    """Yield `count` pictures (JPEG) of random scenes and what is actually visible in each.
 
     The teammates stand at `ranges_m` from the camera, anywhere within 100 deg of its heading. The
     robot rotates by up to `turn_rate_radps`. camera: the front one of `cameras` where not given.

@@ -50,7 +50,7 @@ SCENES = {
 def scene_frames(
     name: str, count: int, seed: int, cameras: Cameras | None = None, camera: Camera | None = None
 ) -> Iterator[tuple[bytes, Sightings]]:
-    """Yield `count` pictures (JPEG, 4:2:0) of a scene of SCENES, and what is truly in view.
+    """Yield `count` pictures (JPEG, 4:2:0) of a scene of SCENES, and what is actually in view.
 
     Four teammates and two posts stand 0.4 to 4 m from the camera. Others as in `frames`.
     """

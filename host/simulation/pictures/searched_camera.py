@@ -53,7 +53,7 @@ class SearchedCamera:
         return dataclasses.replace(found, identities=self._identify(found, truth, identities))
 
     def _identify(self, found: Bearings, truth: Sightings, identities: IntArray) -> IntArray:
-        """Whose strip each bearing (k,) meets: the nearest's in view, or nobody's (-1)."""
+        """The teammate whose strip each bearing (k,) meets, the nearest in view; -1: none."""
         shown = truth.shares > 0.0
         none = np.full(len(found.bearings), -1)
         if not shown.any():

@@ -1,4 +1,4 @@
-"""What a camera truly has in view: the truth that rendered pictures are judged by."""
+"""What is visible to a camera: the truth for rendered pictures."""
 
 from dataclasses import dataclass
 
@@ -37,7 +37,7 @@ def visible(
     furniture: Furniture = NO_FURNITURE,
     bins: FloatArray = NOTHING,
 ) -> Sightings:
-    """What `view` truly sees of teammates (n, 2) m among posts (m, 2), bins (k, 2) m, furniture.
+    """What is visible to `view` of teammates (n, 2) m among posts (m, 2), bins (k, 2) m, furniture.
 
     All are in the robot frame.
     """

@@ -1,4 +1,4 @@
-"""The simulated robot as it truly is, which its configuration does not always know."""
+"""The simulated robot's true parameters, from which its configuration may differ."""
 
 import math
 

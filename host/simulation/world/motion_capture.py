@@ -1,4 +1,4 @@
-"""What motion capture sees of the arena: every robot's body, a little beside where it is."""
+"""Simulated motion capture: every robot's body, with noise."""
 
 import math
 

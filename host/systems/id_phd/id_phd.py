@@ -5,7 +5,7 @@ What differs from the paper, and why:
 
 - A tag (eq. 13) is for ever there, and the first step decides. Here it belongs to a joint
   hypothesis, which dies when another fits better: for every identity one track, or nowhere yet.
-  Two identities never have one robot. A tag may start anew at any reading.
+  Two identities never have one robot. A tag may start again at any reading.
 - Eq. 14-15 write the total displacement q: here increments.
 - False things (id -2) stand, and are rows of a hypothesis like robots, without names.
 - lambda c(z) of eq. 11 is not 0. Birth, survival, pruning, which are not given, are settings.
@@ -85,7 +85,7 @@ class IdPhd:
         self._paths[identity].append(step)
 
     def forget(self, identity: int) -> None:
-        """Robot `identity` has left, or its odometry begins anew."""
+        """Robot `identity` has left, or its odometry restarts."""
         if identity not in self.identities:
             return
         row = self._settings.false_things + self.identities.index(identity)
@@ -227,7 +227,7 @@ class IdPhd:
     # --- Healing
 
     def _exchange_tags(self) -> None:
-        """Once a second, the likeliest hypothesis again with two tags exchanged, headings unknown.
+        """Once per second, the likeliest hypothesis with two tags exchanged, headings unknown.
 
         So that what was pruned early, for lack of room, may come back.
         """
@@ -274,7 +274,7 @@ class IdPhd:
                 self.forget(identity)
 
     def _join(self, names: IntArray) -> None:
-        """Name tracks anew; hypotheses that then say the same become one, unused tracks go."""
+        """Name tracks again; hypotheses that then say the same become one, unused tracks go."""
         self._hypotheses = renamed(self._hypotheses, names)
         used = np.unique(self._hypotheses.tracks)
         used = used[used != NOWHERE]

@@ -41,7 +41,7 @@ _LEAST_PROBABILITY = 0.5
 
 @dataclass(frozen=True, slots=True)
 class _Believed:
-    """What was believed of an estimate at `time`. heading (rad): of then."""
+    """The identity belief of an estimate at `time`. heading (rad): at that time."""
 
     belief: Belief
     time: float

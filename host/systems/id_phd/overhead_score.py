@@ -30,7 +30,7 @@ def overhead_settings(scenario: OverheadScenario) -> IdPhdSettings:
 
 
 def looks(scenario: OverheadScenario, printed: bool = False) -> list[list[Sample]]:
-    """What is believed of each robot, five times a second."""
+    """What is believed of each robot, five times per second."""
     above = Overhead(scenario)
     settings = overhead_settings(scenario)
     localizer = PrintedIdPhd(settings) if printed else IdPhd(settings)

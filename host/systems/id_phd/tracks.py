@@ -44,7 +44,7 @@ class Tracks:
         return summed(self.poses, self.log_weights, self.of, leaders)[0]
 
     def only(self, used: IntArray) -> "Tracks":
-        """Those of `used`, rising; numbered anew."""
+        """Those of `used`, rising; renumbered."""
         rows = np.flatnonzero(np.isin(self.of, used))
         of = np.searchsorted(used, self.of[rows])
         return Tracks(self.tags[used], of, self.poses.take(rows), self.log_weights[rows])

@@ -1,6 +1,6 @@
 """The extended Kalman filter that Lee 2012 holds the particles against, on the same distances.
 
-Distances that cannot be right are left out; where most are, it has lost the thing and starts anew.
+Distances that cannot be right are left out; where most are, it has lost the thing and restarts.
 """
 
 import numpy as np

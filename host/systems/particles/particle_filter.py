@@ -3,7 +3,7 @@
 The paper takes its state and likelihood (eq. 3-6) from the recognition of hand gestures; a thing
 that moves has position and velocity, and a distance is Gaussian: the square and the sigma that
 eq. 6 lacks are there. What is his: a damped constant velocity, resampling 90 % of the particles by
-weight and spreading the others anew, diffusion, and a bounding box to start from.
+weight and spreading the others again, diffusion, and a bounding box to start from.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _WIDER_M = 0.5  # than the bounding box, each way: where particles are spread
 
 @dataclass(frozen=True, slots=True)
 class ParticleSettings:
-    """count: particles. resampled: share chosen by weight, the others are spread anew.
+    """count: particles. resampled: share chosen by weight, the others are spread again.
 
     speed_mps: typical. settle_s: over which a velocity is forgotten. outlier: share of distances
     that have nothing to do with it.

@@ -1,1 +1,1 @@
-"""Miller 2019: the poses of a whole swarm at one place, from who sees whom where."""
+"""Miller 2019: the poses of a whole swarm in one filter, from identified sightings."""

@@ -1,4 +1,4 @@
-"""A swarm as Miller 2019 simulated it: his noise, who is near enough is seen, one sweep a second.
+"""A swarm as in Miller 2019: its noise and sensing range, one sweep per second.
 
 Ranges have 3 cm, the R of his program, where his text says 18.6 (`range_sigma_m`); bearings
 0.1 rad; each robot's odometry 1 mm and 0.02 rad in every thirtieth of a second (section II-B).
