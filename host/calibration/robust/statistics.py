@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from host.messages import BoolArray, FloatArray, IntArray
+from host.messages import FloatArray, IntArray
 
 _NORMAL_MEDIAN = 0.6745  # of |x| of a standard normal x: sqrt(2) erfinv(1/2)
 _RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane vector of two of these: sqrt(2 ln 2)
@@ -106,15 +106,20 @@ def jackknife_sigma(estimates: FloatArray) -> FloatArray:
     return np.asarray(math.sqrt(len(estimates) - 1.0) * np.std(estimates, axis=0))
 
 
-def newey_west(scores: FloatArray, reach: int, drives: IntArray) -> FloatArray:
-    """Middle (p, p) of a sandwich of scores (n, p) in order, alike up to `reach` rows apart.
+def smoothed(rows: FloatArray, kernel: FloatArray, drives: IntArray) -> FloatArray:
+    """Sums (n, ...) over the rows (n, ...) around each, one k rows apart times kernel[k].
 
-    Newey and West, Econometrica 55 (1987), eq. 5, with Bartlett's weights. drives (n,): rows of
-    different ones are independent.
+    drives (n,): rows of different ones are not summed.
     """
-    middle = scores.T @ scores
-    for lag in range(1, min(reach, len(scores))):
-        same: BoolArray = drives[lag:] == drives[:-lag]
-        pair = scores[lag:].T @ (same[:, None] * scores[:-lag])
-        middle += (1.0 - lag / reach) * (pair + pair.T)
-    return np.asarray(middle)
+    total = kernel[0] * rows
+    for lag in range(1, min(len(kernel), len(rows))):
+        same = kernel[lag] * (drives[lag:] == drives[:-lag])
+        same = same.reshape(-1, *[1] * (rows.ndim - 1))
+        total[lag:] += same * rows[:-lag]
+        total[:-lag] += same * rows[lag:]
+    return np.asarray(total)
+
+
+def bartlett(reach: int) -> FloatArray:
+    """Bartlett's weights (reach,) of rows 0, 1, ... apart: they fall to 0 at `reach`."""
+    return 1.0 - np.arange(reach) / reach

@@ -16,10 +16,11 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from host.calibration.robust.statistics import (
+    bartlett,
     bent_factor,
-    newey_west,
     normal_sigma,
     sandwich,
+    smoothed,
 )
 from host.calibration.wheels.model import (
     BODY,
@@ -36,8 +37,6 @@ from host.messages import BoolArray, FloatArray
 
 WINDOW_S, STRIDE_S = 2.0, 0.25
 _REACH_S = 8.0  # errors this far apart are uncorrelated
-_CORRELATION_TIME_S = 3.0  # of the errors
-_BARTLETT_LOSS = 1.1
 OWN = STRIDE_S / WINDOW_S  # the share of a window that it has not from its neighbours
 
 _STEPS = np.array([1e-3, 1e-3, 5e-3, 0.01, 0.01, 0.02])  # changes that count; the first three ...
@@ -224,13 +223,40 @@ class WheelProblem:
         return slopes
 
     def scatter(self, slopes: FloatArray, wrong: FloatArray) -> FloatArray:
-        """How sums of the scores of all windows scatter, (v, v). wrong (w, 3): over sigmas."""
+        """How sums of the scores of all windows scatter, (v, v). wrong (w, 3): over sigmas.
+
+        Newey and West, Econometrica 55 (1987), eq. 5, with Bartlett's weights; what these and the
+        fit take away of the scatter of windows that merely overlap is made up for. A drive has few
+        independent errors, 1.5 a reach (Priestley, Spectral Analysis (1981), table 6.2): what is
+        estimated with their scatter is as wide as Student's t.
+        """
         scores = np.einsum("wij,wi->wj", slopes, wrong)
-        middle = newey_west(scores, round(_REACH_S / STRIDE_S), self._windows.drives)
-        # The weights lose a little of the scatter, too.
-        used = np.count_nonzero(scores.any(axis=1))
-        independent = used * STRIDE_S / _CORRELATION_TIME_S
-        return np.asarray(middle * _BARTLETT_LOSS * bent_factor(independent, scores.shape[1]))
+        reach = round(_REACH_S / STRIDE_S)
+        middle = scores.T @ smoothed(scores, bartlett(reach), self._windows.drives)
+        independent = 1.5 * np.count_nonzero(scores.any(axis=1)) / reach
+        student = bent_factor(independent, 2.0)
+        return np.asarray(middle * student / self._kept(slopes, bartlett(reach)))
+
+    def _kept(self, slopes: FloatArray, kernel: FloatArray) -> float:
+        """The share of their scatter that is found of windows which merely overlap.
+
+        Of residuals r = (1 - P) e, P = U B U' with slopes U and inverse information B, where the
+        errors e are alike as their windows overlap: E[r r'] in place of r r'.
+        """
+        drives = self._windows.drives
+        overlap = bartlett(round(WINDOW_S / STRIDE_S))
+        overlap = np.pad(overlap, (0, len(kernel) - len(overlap)))
+        spread = smoothed(slopes, overlap, drives)
+        both = smoothed(slopes, overlap * kernel, drives)
+        squares = np.einsum("wij,wik->wjk", slopes, slopes)
+        crosses = np.einsum("wij,wik->wjk", slopes, spread)
+        inverse = np.linalg.inv(OWN * squares.sum(axis=0) + np.diag(self.held))
+        share, true = OWN * inverse, crosses.sum(axis=0)
+        lost = np.einsum("wij,jk,wlk->il", squares, share, smoothed(crosses, kernel, drives))
+        twice = share @ true @ share
+        found = np.einsum("wij,wik->jk", slopes, both) - lost - lost.T
+        found += np.einsum("wij,jk,wkl->il", squares, twice, smoothed(squares, kernel, drives))
+        return float(np.trace(inverse @ found) / np.trace(inverse @ true))
 
 
 def lags_of(drive: Drive, counts: int, values: FloatArray) -> FloatArray:

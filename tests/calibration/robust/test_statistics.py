@@ -50,15 +50,16 @@ def test_pieces_are_in_order_and_of_one_size(count: int, length: int) -> None:
     assert sizes.max() - sizes.min() <= 1
 
 
-def test_newey_west_is_the_double_sum_over_pairs_with_bartletts_weights() -> None:
+def test_smoothed_rows_are_the_sums_over_pairs_with_bartletts_weights() -> None:
     random = np.random.default_rng(2)
     scores, drives = random.normal(size=(20, 3)), np.repeat([0, 1], 10)
-    expected = np.zeros((3, 3))
+    expected = np.zeros((20, 3))
     for i in range(20):
         for j in range(20):
             weight = max(1.0 - abs(i - j) / 5, 0.0) * (drives[i] == drives[j])
-            expected += weight * np.outer(scores[i], scores[j])
-    np.testing.assert_allclose(statistics.newey_west(scores, 5, drives), expected)
+            expected[i] += weight * scores[j]
+    found = statistics.smoothed(scores, statistics.bartlett(5), drives)
+    np.testing.assert_allclose(found, expected)
 
 
 def test_a_ratios_variance_is_its_scatter_over_draws_of_correlated_counts() -> None:
