@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from host.calibration.chain import BODY, LIDAR, Chain, Entry
 from host.calibration.gathered import Gathered
 from host.calibration.joint.calibrate import calibrate
 from host.calibration.result import Calibration
@@ -117,6 +118,22 @@ def test_all_delays_have_the_truth_s_own_uncertainty_in_common() -> None:
     assert np.count_nonzero(delays) == 2
     added = late.joint[1] - plain.joint[1]
     assert added == pytest.approx(0.004**2 * np.outer(delays, delays), abs=1e-9)
+
+
+def test_without_wheels_the_body_is_as_uncertain_as_the_wheels_fit_has_left_it() -> None:
+    gathered, plain = copy.copy(drive(0)), calibrate(drive(0), ["lidar"])
+    left = np.diag([2e-3, 1e-3, 1e-3]) ** 2
+    gathered.chain = Chain({"wheels": Entry(BODY, np.zeros(3), left)})
+    found = calibrate(gathered, ["lidar"])
+    assert plain.joint is not None
+    assert found.joint is not None
+    assert found.joint[0] == plain.joint[0] == (*LIDAR, "lidar.delay_s")
+    added = (found.joint[1] - plain.joint[1])[:3, :3]
+    # The lidar is at the body's origin here, so that it is moved as the body is.
+    assert added == pytest.approx(left, rel=0.03, abs=3e-8)
+    kept = Chain()
+    kept.take(found)
+    assert list(kept.entries) == ["joint"]
 
 
 def test_without_a_teammate_there_is_nothing_that_sensors_share() -> None:
