@@ -7,6 +7,7 @@ import numpy as np
 
 from host.calibration.joint.sensors import Evidence, Sensor
 from host.calibration.robust.statistics import sandwich
+from host.errors import UserError
 from host.messages import BoolArray, FloatArray
 
 _ROUNDS, _SETTLED = 12, 0.02  # at most; the largest step, in sigmas
@@ -38,7 +39,7 @@ def solve(sensors: Sequence[Sensor], prior: Prior, start: FloatArray) -> Solutio
     """Gauss-Newton from values (p,) near by; what a sensor trusts is decided anew at each step.
 
     The covariance is a sandwich: sensors' errors are independent of each other's, and each
-    sensor's scatter as its evidence says.
+    sensor's scatter as its evidence says. Raises UserError where readings do not separate values.
     """
     values, last = start.copy(), np.inf
     for _ in range(_ROUNDS):
@@ -60,7 +61,14 @@ def inverse_of(evidence: Sequence[Evidence], prior: Prior) -> FloatArray:
     # Pixels beside radians: to one scale first.
     size = np.sqrt(np.diag(whole))
     found = np.zeros_like(prior.information)
-    found[free] = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
+    try:
+        found[free] = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
+    except np.linalg.LinAlgError as error:
+        raise UserError(
+            "the sensors cannot be fitted together",
+            "in this drive, some of their values are the same thing",
+            "drive curves both ways at changing speed, with teammates all around",
+        ) from error
     return found
 
 

@@ -56,7 +56,7 @@ def problem_of(gathered: Gathered, names: Collection[str]) -> Problem:
             "what lidar and cameras share is where it has the teammates",
             "put a teammate with a body of its own on the floor",
         )
-    drives = usable(drives_of(gathered)) if "wheels" in names else []
+    drives = usable(drives_of(gathered))[0] if "wheels" in names else []
     unknowns = Unknowns(6 + 2 * len(drives), tracks.identities.tolist())
     problem = _without_sensors(gathered, unknowns, drives)
     if "wheels" in names:

@@ -39,7 +39,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     wheels, mocap: as configured. Raises UserError where nothing moved, or the wheels do not count
     as the body moves; whatever else keeps the fit from being used is a failed check.
     """
-    drives, absurd = _counted(usable(drives))
+    drives, absurd = usable(drives)
     for drive in drives:
         body = {mocap.body: (drive.truth_times, drive.truth)}
         check_identity(drive.times, drive.ticks, body, wheels, mocap)
@@ -80,16 +80,15 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     )
 
 
-def _counted(drives: list[Drive]) -> tuple[list[Drive], list[str]]:
-    """The drives without absurd rows of ticks, and a warning where there were any."""
-    parts = [without_absurd_rows(drive) for drive in drives]
+def usable(drives: Sequence[Drive]) -> tuple[list[Drive], list[str]]:
+    """Those longer than a window of the fit, without absurd rows of ticks; a warning of these."""
+    parts = [without_absurd_rows(drive) for drive in _long(drives)]
     count = sum(rows for _, rows in parts)
     words = [f"{count} row(s) of ticks that no wheel can count: taken for what is around them"]
     return [drive for drive, _ in parts], words if count else []
 
 
-def usable(drives: Sequence[Drive]) -> list[Drive]:
-    """Those that are longer than a window of the fit."""
+def _long(drives: Sequence[Drive]) -> list[Drive]:
     return [drive for drive in drives if drive.span[1] - drive.span[0] > WINDOW_S]
 
 
@@ -135,7 +134,7 @@ def _halves(
     firsts = [drive.part(-math.inf, m) for drive, m in zip(drives, middles, strict=True)]
     lasts = [drive.part(m, math.inf) for drive, m in zip(drives, middles, strict=True)]
     values = []
-    for parts in (usable(firsts), usable(lasts)):
+    for parts in (_long(firsts), _long(lasts)):
         driven = coverage(parts, wheels.track_m)
         if min(driven.left_rad, driven.right_rad) < LEAST_TURN_RAD:
             return None
