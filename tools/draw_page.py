@@ -1,4 +1,4 @@
-"""Draw docs/page-*.png: the page of a simulated run and of a replay, on a laptop and a phone.
+"""Draw docs/page-*.png: the page of a simulated run and of replays, on a laptop and a phone.
 
     python -m tools.draw_page
 
@@ -25,6 +25,9 @@ SETTLE_S = 20.0  # trails are long by then
 # What is replayed has rendered pictures, which are searched, recorded and shown again.
 RECORD = ["run", "--simulate", "furnished6:seed=4,rendered=1", "--seconds", "20", "--view", "none"]
 PICTURES_S = 5.0
+# Simulated offline, so that a busy computer does not disturb it.
+SWARM = ["simulate", "swarm20:side_m=5,posts=4,boxes=3,seed=4,seconds=26"]
+SWARM_S = 18.0  # of the replay
 # Width, height (CSS pixels), pixels a CSS pixel, and the scheme, of each picture.
 PICTURES = {
     "laptop-light": (1180, 720, 1, "light"),
@@ -32,11 +35,12 @@ PICTURES = {
     "phone-light": (390, 844, 2, "light"),
     "phone-dark": (390, 844, 2, "dark"),
 }
+CROWDED = {"swarm": (1180, 720, 1, "light")}
 REPLAYED = {"replay-laptop": (1180, 800, 1, "light"), "replay-phone": (390, 844, 2, "light")}
 
 
 def main() -> None:
-    """Draw a run, then record another one and draw its replay."""
+    """Draw a run, a replay with pictures, and a replay of a swarm."""
     with page_of(RUN) as page:
         time.sleep(SETTLE_S)
         draw(page, PICTURES)
@@ -48,6 +52,11 @@ def main() -> None:
             page.find_element("id", "pictures").click()
             time.sleep(PICTURES_S)
             draw(page, REPLAYED)
+        recording = f"{folder}/swarm.mcap"
+        subprocess.run([SWARMLOC, *SWARM, "--output", recording], check=True)
+        with page_of(["replay", recording, "--view", "127.0.0.1:0"]) as page:
+            time.sleep(SWARM_S)
+            draw(page, CROWDED)
 
 
 @contextlib.contextmanager
