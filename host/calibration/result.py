@@ -1,5 +1,6 @@
 """What every calibration gives: fitted numbers, what of them passes, and what to draw of them."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -128,28 +129,22 @@ class Check:
         return self.value <= self.threshold
 
 
-def at_least(name: str, value: float, bound: float, unit: str, advice: str) -> Check:
-    """A check that a value, in SI, is not below its bound; shown in `unit`."""
-    return _check(name, value, "at least", bound, unit, advice)
-
-
-def at_most(name: str, value: float, bound: float, unit: str, advice: str) -> Check:
-    """A check that a value, in SI, is not above its bound; shown in `unit`."""
-    return _check(name, value, "at most", bound, unit, advice)
-
-
 def _check(
+    side: Literal["at least", "at most"],
     name: str,
     value: float,
-    side: Literal["at least", "at most"],
     bound: float,
     unit: str,
     advice: str,
 ) -> Check:
+    """A check that a value, in SI, keeps to its bound; both are shown in `unit`."""
     scale = SCREEN_UNITS.get(unit.partition(" ")[0], 1.0)  # "mm rms" is in mm
     value, bound = float(value) * scale, float(bound) * scale
     return Check(name=name, value=value, side=side, threshold=bound, unit=unit, advice=advice)
 
+
+at_least = functools.partial(_check, "at least")
+at_most = functools.partial(_check, "at most")
 
 _OfReadings = Literal["", "measured", "refused", "front", "rear", "along", "across"]
 Role = _OfReadings | Literal["reference", "before", "fitted"]

@@ -7,14 +7,12 @@ and tilt stay as they are, and so a start value is all that it gives.
 """
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Ranged, Reference, reference_of
+from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, reference_of
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted, Quantity, at_least
 from host.calibration.robust.rigid_alignment import Alignment, align_robustly
@@ -51,10 +49,8 @@ class Aligned:
 def calibrate(gathered: Gathered) -> Calibration:
     """Align each camera with motion capture, or the lidar where there is none.
 
-    Where there are both, the figures have the alignment with the lidar, too. Raises UserError where
-    no camera gave enough positions.
+    Raises UserError where no camera gave enough positions.
     """
-    begin = time.perf_counter()
     config = gathered.config.camera
     reference = reference_of(gathered)
     found = _aligned(gathered, reference)
@@ -69,13 +65,6 @@ def calibrate(gathered: Gathered) -> Calibration:
         max(config.delay_s + delay, 0.0), math.nan, config.delay_s
     )
     rows = [row for name, each in found.items() for row in _rows(name, getattr(config, name), each)]
-    figures: dict[str, Any] = {"used": {name: each.used for name, each in found.items()}}
-    if gathered.bodies and len(gathered.scans) > 1:
-        by_lidar = _aligned(gathered, Ranged(gathered))
-        figures["by_lidar"] = {
-            name: each.moved(getattr(config, name)).tolist() for name, each in by_lidar.items()
-        }
-    figures["seconds"] = time.perf_counter() - begin
     least = min(each.used for each in found.values())
     advice = "drive with one teammate in plain view, and check the strip's colour"
     return Calibration(
@@ -87,7 +76,7 @@ def calibrate(gathered: Gathered) -> Calibration:
             for name, each in found.items()
         ),
         warnings=("a start value: the lens and the tilt stay as they are",),
-        figures=figures,
+        figures={"used": {name: each.used for name, each in found.items()}},
     )
 
 

@@ -23,13 +23,12 @@ _STANDING_SCANS = 5.0
 class Interference:
     """How often a teammate close by in plain view is missed because nothing comes back.
 
-    share: of the revolutions; how long in a row, on average and at most. views: looked at.
+    share: of the revolutions; how long in a row, on average and at most.
     """
 
     share: float
     mean_s: float
     longest_s: float
-    views: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,4 +112,4 @@ def interference(survey: LidarSurvey, chosen: BoolArray, curve: RangeCurve) -> I
         runs.extend((period * np.diff(ends, prepend=-1)).tolist())
     count = int(near.sum())
     share = float(lost.sum()) / count if count else math.nan
-    return Interference(share, float(np.mean(runs)) if runs else 0.0, max(runs, default=0.0), count)
+    return Interference(share, float(np.mean(runs)) if runs else 0.0, max(runs, default=0.0))
