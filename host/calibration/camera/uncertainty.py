@@ -9,9 +9,9 @@ from host.calibration.camera.pairs import CAMERAS
 from host.calibration.robust.statistics import bent_factor, correlation_factor, sandwich
 from host.messages import BoolArray, FloatArray
 
-# Std of what repeating does not show: by how much strips are found too low or too high, all of them,
-# and how far off their middles are taken to be (in rendered pictures less than 0.1 px and 0.2 mm);
-# which instant of an exposure is the picture's.
+# Std of what repeating does not show: by how much all strips are found too low or too high, and how
+# far off their middles are taken to be (in rendered pictures less than 0.1 px and 0.2 mm); which
+# instant of an exposure is the picture's.
 LOW_PX, _STRIP_M, _STAMP_S = 0.1, 2e-4, 1e-4
 BLOCK_S = 2.0  # errors nearer in time are not independent
 
