@@ -22,6 +22,7 @@ from host.calibration.camera.model import (
     draw,
     equidistant,
     errors,
+    off_by,
     row_of,
     slopes,
 )
@@ -51,8 +52,8 @@ class CameraFit:
 
     values (23,): those named by NAMES for each of CAMERAS, then the delay found (s). covariance
     (23, 23). used (n,): pairs that the fit rests upon. noise: what errors are, in units of the
-    pairs' sigmas. errors (n, 2) px: drawn minus seen. cameras: what the values say. fitted (2,):
-    whether a camera had enough pairs; one that had not is as it was.
+    pairs' sigmas. cameras: what the values say. fitted (2,): whether a camera had enough pairs;
+    one that had not is as it was.
     """
 
     values: FloatArray
@@ -60,7 +61,6 @@ class CameraFit:
     pairs: Pairs
     used: BoolArray
     noise: float
-    errors: FloatArray
     cameras: tuple[Camera, Camera]
     fitted: tuple[bool, bool]
 
@@ -124,7 +124,7 @@ class CameraProblem:
 
     def cost(self, values: FloatArray, pairs: Pairs) -> float:
         """Mean over all strips of how badly they are explained, 0 to 1; unpaired ones count 1."""
-        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        off = off_by(values, pairs)
         explained = 1.0 / (1.0 + (off / _GATES[-1]) ** 2)
         return float(np.mean(1.0 - np.where(pairs.paired, explained, 0.0)))
 
@@ -154,7 +154,7 @@ class CameraProblem:
             chosen = points[every, nearest]
         paired &= np.isfinite(speed).all(axis=1) & ~self._cut(values, chosen)
         speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
-        sigmas = self._sigmas(values, chosen)
+        sigmas = np.hypot(1.0, self._reference.noise_m * self._px_per_m(values, chosen))
         return Pairs(self.strips, chosen, speed, sigmas, paired, nearest, delay)
 
     def _cut(self, values: FloatArray, points: FloatArray) -> BoolArray:
@@ -162,10 +162,9 @@ class CameraProblem:
 
         What is seen of them lies up to 4 px nearer to the picture's middle than the strip does.
         """
-        rows = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras]
         strip, cameras = self.cameras.strip, self.cameras
-        away = np.maximum(np.linalg.norm(points - rows[:, 8:11], axis=1), 0.1)
-        half = 0.5 * np.array([strip.diameter_m, strip.tall_m]) * (rows[:, 0] / away)[:, None]
+        size = self._px_per_m(values, points)[:, None]
+        half = 0.5 * np.array([strip.diameter_m, strip.tall_m]) * size
         sizes = [(c.width_px, c.height_px) for c in (cameras.front, cameras.rear)]
         last = np.array(sizes)[self.strips.cameras] - 1.0
         inside = np.minimum(self.strips.pixels, last - self.strips.pixels)
@@ -197,18 +196,16 @@ class CameraProblem:
         """Pixels (n, 2) of points (n, 3); nan for what one camera cannot show."""
         camera = camera_of(values, number, self.cameras)
         pixels, angles = draw(row_of(values, number), points)
-        x, y = pixels.T
-        shown = (angles < min(_FARTHEST_RAD, Lens(camera).limit_rad)) & (x > -_MARGIN_PX)
-        shown &= (x < camera.width_px + _MARGIN_PX) & (y > -_MARGIN_PX)
-        shown &= y < camera.height_px + _MARGIN_PX
+        size = np.array([camera.width_px, camera.height_px])
+        shown = ((pixels > -_MARGIN_PX) & (pixels < size + _MARGIN_PX)).all(axis=1)
+        shown &= angles < min(_FARTHEST_RAD, Lens(camera).limit_rad)
         return np.asarray(np.where(shown[:, None], pixels, math.nan))
 
-    def _sigmas(self, values: FloatArray, points: FloatArray) -> FloatArray:
+    def _px_per_m(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        """How large (n,) a metre at `points` (n, 3) m is drawn."""
         rows = values[:-1].reshape(len(CAMERAS), -1)[self.strips.cameras]
-        distance = np.linalg.norm(points - rows[:, 8:11], axis=1)
-        return np.asarray(
-            np.hypot(1.0, rows[:, 0] * self._reference.noise_m / np.maximum(distance, 0.1))
-        )
+        away = np.maximum(np.linalg.norm(points - rows[:, 8:11], axis=1), 0.1)
+        return np.asarray(rows[:, 0] / away)
 
     def _refine(self, values: FloatArray, gates: tuple[float, ...]) -> CameraFit:
         free, values = self._free, values.copy()  # a camera's values may be put back, below
@@ -235,7 +232,7 @@ class CameraProblem:
     def chosen(self, values: FloatArray, noise: float) -> tuple[Pairs, BoolArray]:
         """The pairs by `values`, and which of them (n,) are right, by a noise that they have."""
         pairs = self.pair(values)
-        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        off = off_by(values, pairs)
         return pairs, pairs.paired & (off < _GATE_SIGMAS * noise)
 
     def _known(self, paired: BoolArray) -> BoolArray:
@@ -249,13 +246,13 @@ class CameraProblem:
     def _weights(self, values: FloatArray, pairs: Pairs, gate: float) -> FloatArray:
         """Square roots (n,) of the pairs' weights: Cauchy's, and none beyond the gate."""
         soft = gate / _GATE_SIGMAS
-        off = np.hypot(*errors(values, pairs).T) / pairs.sigmas
+        off = off_by(values, pairs)
         inside = pairs.paired & (off < gate)
         return np.where(inside, 1.0 / np.sqrt(1.0 + (off / soft) ** 2), 0.0) / soft
 
     def noise(self, values: FloatArray, pairs: Pairs, used: BoolArray, free: BoolArray) -> float:
         """Of the pairs `used` (n,), in units of their sigmas; free (23,): values fitted to them."""
-        off = np.hypot(*errors(values, pairs)[used].T) / pairs.sigmas[used]
+        off = off_by(values, pairs)[used]
         # Each value fitted takes a little of the noise with it.
         left = max(2.0 * len(off) - np.count_nonzero(free), 0.5 * len(off)) / (2.0 * len(off))
         return max(plane_sigma(off) / math.sqrt(left), _LEAST_NOISE)
@@ -297,8 +294,7 @@ class CameraProblem:
         fitted: tuple[bool, bool],
     ) -> CameraFit:
         covariance = np.diag(np.where(self._free, self.spread, 0.0) ** 2)
-        miss = errors(values, pairs)
         if used.any() and free.any():
             covariance = covariance_of(covariance, values, pairs, used, noise, free)
         first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
-        return CameraFit(values, covariance, pairs, used, noise, miss, (first, second), fitted)
+        return CameraFit(values, covariance, pairs, used, noise, (first, second), fitted)

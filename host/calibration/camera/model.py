@@ -94,6 +94,11 @@ def errors(values: FloatArray, pairs: Pairs) -> FloatArray:
     return missed
 
 
+def off_by(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """How far (n,) each is drawn from where it was seen, in units of the pairs' sigmas."""
+    return np.asarray(np.hypot(*errors(values, pairs).T) / pairs.sigmas)
+
+
 def upward(values: FloatArray, pairs: Pairs) -> FloatArray:
     """The direction (n, 2) in the picture, of length 1, in which each strip would be higher."""
     higher = dataclasses.replace(pairs, points=pairs.points + np.array([0.0, 0.0, _HIGHER_M]))

@@ -28,7 +28,7 @@ def likely_starts(
     mean: FloatArray,
     lenses_known: tuple[bool, ...],
 ) -> list[FloatArray]:
-    """Two sets of values (23,) as in `camera_fit.CameraFit`, of the two likeliest delays.
+    """Two sets of values (23,) as in `fit.CameraFit`, of the two likeliest delays.
 
     In each, the heading and the focal length of each camera are those that bring most strips near a
     teammate; all else is as in `mean` (23,). lenses_known (2,): cameras whose focal length is held.
