@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
 
 from host.config import Mocap
 from host.errors import UserError
@@ -87,6 +86,9 @@ class Found:
 
 def search(seen: FloatArray, wheels: Rates, drift: float) -> Found:
     """Rates (n, 2) against the wheels' at each lag: equal but for a factor, and noise."""
+    # Here, because it takes a quarter of the time in which any command starts.
+    from scipy.signal import correlate
+
     other = wheels.at(wheels.grid(1.0 + drift))
     known = [np.isfinite(rates).all(axis=1).astype(float) for rates in (seen, other)]
     a, b = (
