@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 from host.config import RobotConfig
-from host.estimator import pmb
+from host.estimator import thing_filter
 from host.estimator.gaussians.moving_gaussians import VX
 from host.estimator.learnt_lidar import LearntLidar
 from host.estimator.pmb import PmbFilter
@@ -82,7 +82,7 @@ class _EvidenceByMessage(PmbFilter):
     """Each scan and picture counts as if the one before had not been."""
 
     def update(self, measurement: Positions | Bearings) -> None:
-        with patch.object(pmb, "new_share", lambda elapsed, _: np.ones_like(elapsed)):
+        with patch.object(thing_filter, "new_share", lambda elapsed, _: np.ones_like(elapsed)):
             super().update(measurement)
 
 

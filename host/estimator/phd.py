@@ -12,13 +12,13 @@ itself. So one miss takes a weight to 1 - P_D, and what was reported has to be r
 import numpy as np
 
 from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
-from host.estimator.pmb import LONGEST_S, PmbFilter
+from host.estimator.thing_filter import LONGEST_S, ThingFilter
 from host.estimator.things.association import share_out
 from host.estimator.things.things import LABEL
 from host.messages import BoolArray, FloatArray
 
 
-class PhdFilter(PmbFilter):
+class PhdFilter(ThingFilter):
     """Multi-target filter for anonymous teammates (see `host.estimator.interface.Filter`)."""
 
     _associate = staticmethod(share_out)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from host.config import FilterSettings, PmbSettings
 from host.estimator.gaussians.duplicates import duplicates
-from host.estimator.pmb import LABEL, PmbFilter
+from host.estimator.pmb import PmbFilter
+from host.estimator.things.things import LABEL
 from tests.estimator.standing_robot import seen, standing
 
 
