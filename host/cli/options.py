@@ -66,10 +66,20 @@ def check_writable(path: Path) -> None:
             f"there is no folder {path.parent}",
             "make that folder, or choose another file",
         )
-    if not os.access(path if path.exists() else folder, os.W_OK):
-        raise UserError(
-            f"cannot write {path}", "you have no permission to write it", "choose another file"
-        )
+    existed = path.exists()
+    try:  # a test that asks for permissions alone misses a full disk, /dev/full and /proc
+        with path.open("ab") as file:
+            if not existed or path.is_char_device():
+                file.write(b"\n")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    if not existed:
+        path.unlink()
+
+
+def _unwritable(path: Path, error: OSError) -> UserError:
+    why = error.strerror or str(error)
+    return UserError(f"cannot write {path}", why, "choose another file")
 
 
 def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
@@ -205,22 +215,42 @@ def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], 
 
 
 def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Write figures to a file; None: nowhere. Raises UserError where that fails.
+    """Write figures to a file; None: nowhere. Where that fails, the command does after its work.
 
-    All commands have one envelope: schema, its version, the command, and its `rows` (a list) or its
-    `result`. To be called before the screen is written to: that may be gone.
+    Numbers that are not finite are null. All commands have one envelope: schema, its version, the
+    command, and its `rows` (a list) or its `result`. To be called before the screen is written to:
+    that may be gone.
     """
     if path is None:
         return
-    command = " ".join(click.get_current_context().command_path.split()[1:])
+    context = click.get_current_context()
     kind = "result" if isinstance(content, Mapping) else "rows"
-    whole = {"schema": "swarmloc.figures", "version": 1, "command": command, kind: content}
+    whole = {"schema": "swarmloc.figures", "version": 1, "command": _name(context), kind: content}
     try:
-        path.write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        text = json.dumps(_finite(whole), indent=1, allow_nan=False) + "\n"
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UserError(
-            f"cannot write {path}", error.strerror or str(error), "choose another file"
-        ) from error
+        failure = _unwritable(path, error)
+
+        def fail() -> None:
+            raise failure
+
+        context.call_on_close(fail)
+
+
+def _name(context: click.Context) -> str:
+    """The command's name without that of the program, however that was started."""
+    if context.parent is None:
+        return ""
+    return f"{_name(context.parent)} {context.info_name}".strip()
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def listing(figures: Mapping[str, Any]) -> str:

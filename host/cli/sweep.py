@@ -42,8 +42,9 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
     """`1-3,7` as 1, 2, 3, 7."""
     found: list[int] = []
     for part in text.split(",") if text else ():
-        first, _, last = part.strip().partition("-")
-        if not first.isdigit() or not (last or first).isdigit():
+        first, dash, last = part.strip().partition("-")
+        bounds = (first, last if dash else first)
+        if not all(each.isdecimal() for each in bounds) or int(bounds[0]) > int(bounds[1]):
             raise click.BadParameter(f"{part!r} is no seed and no range of seeds, as 21-30 is.")
         found += range(int(first), int(last or first) + 1)
     return list(dict.fromkeys(found))

@@ -1,8 +1,10 @@
 """What the commands share: one envelope, written before a screen that may be gone."""
 
 import json
+import math
 import os
 import pty
+import re
 import subprocess
 import sys
 import threading
@@ -14,7 +16,8 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli import options
-from host.cli.main import main
+from host.cli.main import Commands, main
+from host.cli.options import check_writable, write_json
 from host.messages import Bearings, Health
 from host.simulation.live_bearings import LiveCamera
 
@@ -65,6 +68,54 @@ def test_where_figures_cannot_be_written_no_work_is_done(tmp_path: Path) -> None
         done = CliRunner().invoke(main, [*command, "--json", str(tmp_path / "no" / "x.json")])
         assert done.exit_code == 1
         assert "there is no folder" in done.output
+
+
+@pytest.mark.parametrize("file", ["", "/dev/full", "/proc/figures.json", "/dev"])
+def test_a_file_that_can_never_be_written_is_refused_before_the_work(file: str) -> None:
+    done = CliRunner().invoke(main, ["evaluate", "arena4", "--json", file])
+    assert done.exit_code in (1, 2)
+    assert re.search("cannot write|is a directory", done.output)
+
+
+def test_what_is_in_a_file_stays_until_there_are_new_figures(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+    path.write_text("old")
+    check_writable(path)
+    assert path.read_text() == "old"
+    check_writable(tmp_path / "new.json")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_figures_reach_the_screen_where_their_file_has_become_unwritable(tmp_path: Path) -> None:
+    @click.command()
+    def late() -> None:
+        write_json(tmp_path, {"x": math.nan})
+        click.echo("the figures")
+
+    group = Commands("swarmloc", params=list(main.params), commands={"late": late})
+    group.callback = lambda **_: None
+    done = CliRunner().invoke(group, ["late"])
+    assert done.exit_code == 1
+    assert done.output.startswith("the figures\nswarmloc: cannot write")
+
+
+def test_the_envelope_names_the_command_and_has_null_for_what_is_not_finite(tmp_path: Path) -> None:
+    path = tmp_path / "figures.json"
+
+    @click.command()
+    def one() -> None:
+        write_json(path, {"x": [1.0, math.nan], "y": {"z": math.inf}})
+
+    group = click.Group("more", commands={"one": one})
+    click.Group("any", commands={"more": group}).main(
+        ["more", "one"], prog_name="python -m host.cli", standalone_mode=False
+    )
+    assert json.loads(path.read_text()) == {
+        "schema": "swarmloc.figures",
+        "version": 1,
+        "command": "more one",
+        "result": {"x": [1.0, None], "y": {"z": None}},
+    }
 
 
 class Simulation:
