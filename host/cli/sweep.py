@@ -46,7 +46,7 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
         bounds = (first, last if dash else first)
         if not all(each.isdecimal() for each in bounds) or int(bounds[0]) > int(bounds[1]):
             raise click.BadParameter(f"{part!r} is no seed and no range of seeds, as 21-30 is.")
-        found += range(int(first), int(last or first) + 1)
+        found += range(int(first), int(bounds[1]) + 1)
     return list(dict.fromkeys(found))
 
 

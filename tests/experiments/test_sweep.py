@@ -111,6 +111,8 @@ def test_without_dask_the_line_to_paste_is_given(tmp_path, monkeypatch):
     [
         (("arena4", "--seeds", "1-x"), 2),
         (("arena4", "--seeds", "-3"), 2),
+        (("arena4", "--seeds", "3-1"), 2),
+        (("arena4", "--seeds", "1-"), 2),
         (("arena4", "--filters", "magic"), 2),
         (("arena4", "--set", "filter.magic=1"), 1),
         (("arena4:seed=1", "--seeds", "1-2"), 1),
