@@ -15,14 +15,14 @@ import numpy as np
 
 from host.behaviour.interface import STILL, Behaviour, Command, Situation
 from host.behaviour.obstacles import Obstacles
-from host.behaviour.safety import ODOMETRY_S, SCAN_S, SILENCE_S, Safety
+from host.behaviour.safety import ODOMETRY_S, PERIOD_S, SCAN_S, SILENCE_S, Safety
 from host.config import RobotConfig
 from host.drivers.health import HealthReporter
 from host.geometry import Path, rotation, to_frame, to_parent
 from host.messages import Displacement, Estimate, FloatArray, Message, Scan
 
 DRIVER = "driver"
-RATE_HZ = 50.0
+
 _SPEED_S = 0.1  # over which the robot's own speed is taken
 _COAST_S = 0.3  # after the last report of the wheels
 
@@ -87,7 +87,7 @@ class Driving:
                 self.step(now)
                 halt = self.safety.halt
                 self._health.report(emit, not halt, halt or "driving", dict, certain=True)
-                due = max(due + 1.0 / RATE_HZ, now)
+                due = max(due + PERIOD_S, now)
         finally:
             self._send(0.0, 0.0)
 

@@ -62,7 +62,7 @@ def _within(points: FloatArray, bearing: float, half_width: float) -> BoolArray:
 
 
 class Behaviour(Protocol):
-    """Any object with this method, which is called at a fixed rate (RATE_HZ of `driving`)."""
+    """Any object with this method, which is called at a fixed rate (PERIOD_S of `safety`)."""
 
     def command(self, now: Situation) -> Command | None:
         """The command now; None: it is done, and the robot stops."""

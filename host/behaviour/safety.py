@@ -19,6 +19,7 @@ MARGIN_M = 0.03
 MATE_MPS = 0.25  # a teammate has moved by so much since it was seen
 _OLDEST_S = 0.4  # ... and no more than for so long
 
+PERIOD_S = 0.02  # of the commands: a loss is noticed up to so much later
 REACTION_S = 0.1  # from a command to the first of its effect: the control's period and lag
 SILENCE_S = 0.09  # without a return of the lidar, s; half a revolution and more
 STOP_S = 0.3  # within which the robot stands still, whatever is lost
@@ -35,7 +36,7 @@ class Safety:
     def __init__(self, config: RobotConfig) -> None:
         wheels, motors = config.wheels, config.motors
         self._braking = motors.acceleration_mps2
-        lost_s = SILENCE_S + 0.5 * REACTION_S  # until braking begins
+        lost_s = SILENCE_S + PERIOD_S + 0.5 * REACTION_S  # until braking begins
         self.top_speed_mps = min(wheels.max_speed_mps, self._braking * (STOP_S - lost_s))
         self.top_turn_rate_radps = wheels.max_turn_rate_radps
         self._turn_acceleration = 2.0 * self._braking / wheels.track_m

@@ -33,7 +33,9 @@ def motion_of(
         return MotorDriven(lambda: board.board.motors, motors)
     mean_radius = 0.5 * (robot.wheels.left_radius_m + robot.wheels.right_radius_m)
     acceleration = motors.acceleration_mps2 / mean_radius
-    return CommandDriven(board.wheel_speeds, wheels.counts_per_turn, acceleration)
+    return CommandDriven(
+        board.wheel_speeds, board.has_timed_out, wheels.counts_per_turn, acceleration
+    )
 
 
 STAND_IN = BoardKind(RomeoStandIn, "a stand-in")

@@ -13,6 +13,7 @@ from host.simulation.world.sensors import WheelSlip
 
 STEP_S = 0.005  # the stand-in's speeds are taken as constant for so long
 LAG_S = 0.03  # of the stand-in's speed control
+COAST_S = 0.05  # time constant of wheels whose motors are off, as the firmware's on its motor model
 SUPPLY_V = 6.0
 Pair = tuple[float, float]
 
@@ -42,34 +43,42 @@ class CommandDriven:
     """Wheels that follow what a board without electronics is asked for: a fast model.
 
     Speeds follow commands no faster than the board's acceleration, LAG_S late, as the real control
-    lets them.
+    lets them; one that has timed out switches the motors off.
     """
 
     def __init__(
-        self, speeds: Callable[[float], tuple[int, int]], counts_per_turn: int, acceleration: float
+        self,
+        speeds: Callable[[float], tuple[int, int]],
+        timed_out: Callable[[float], bool],
+        counts_per_turn: int,
+        acceleration: float,
     ) -> None:
         """speeds(time): ticks/s (left, right) asked for. acceleration: rad/s²."""
-        self._speeds = speeds
+        self._speeds, self._timed_out = speeds, timed_out
         self._rad_per_tick = 2.0 * math.pi / counts_per_turn
         self._change = acceleration * STEP_S
-        self._follow = 1.0 - math.exp(-STEP_S / LAG_S)
         self._targets, self._rates, self._angles = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
         self._time = 0.0
 
     def angles(self, time: float) -> Pair:
         """How far the wheels (left, right) have rotated by `time` (s), rad; never back in time."""
         while self._time + STEP_S <= time + 1e-9:
-            self._step(self._speeds(self._time))
+            if self._timed_out(self._time):
+                self._step((0, 0), math.inf, COAST_S)
+            else:
+                self._step(self._speeds(self._time), self._change, LAG_S)
             self._time += STEP_S
         ahead = max(time - self._time, 0.0)
         left, right = (a + ahead * r for a, r in zip(self._angles, self._rates, strict=True))
         return left, right
 
-    def _step(self, speeds: tuple[int, int]) -> None:
+    def _step(self, speeds: tuple[int, int], most: float, lag_s: float) -> None:
+        """most: change of a target, rad/s. lag_s: with which the wheels follow it."""
+        follow = 1.0 - math.exp(-STEP_S / lag_s)
         for k, ticks_per_s in enumerate(speeds):
             change = ticks_per_s * self._rad_per_tick - self._targets[k]
-            self._targets[k] += min(max(change, -self._change), self._change)
-            self._rates[k] += self._follow * (self._targets[k] - self._rates[k])
+            self._targets[k] += min(max(change, -most), most)
+            self._rates[k] += follow * (self._targets[k] - self._rates[k])
             self._angles[k] += self._rates[k] * STEP_S
 
 

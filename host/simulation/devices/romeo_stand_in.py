@@ -186,12 +186,17 @@ class RomeoStandIn:
 
     def wheel_speeds(self, now: float) -> tuple[int, int]:
         """Commanded ticks/s (left, right); zero once they have timed out, or a wheel ran away."""
-        if self._velocity is None or self._timed_out(now) or any(w.ran_away for w in self._wheels):
+        if (
+            self._velocity is None
+            or self.has_timed_out(now)
+            or any(w.ran_away for w in self._wheels)
+        ):
             return 0, 0
         frame = self._velocity[1]
         return frame.left_ticks_per_s, frame.right_ticks_per_s
 
-    def _timed_out(self, now: float) -> bool:
+    def has_timed_out(self, now: float) -> bool:
+        """Whether the last command is too old, so that the motors are off."""
         return self._velocity is not None and now >= self._velocity[0] + COMMAND_TIMEOUT_MS / 1000
 
     def transmit(self, now: float) -> list[tuple[float, bytes]]:
@@ -223,7 +228,7 @@ class RomeoStandIn:
         status = DisplacementStatus(0)
         if not self._greeted:
             status |= DisplacementStatus.FRESH
-        if self._timed_out(now):
+        if self.has_timed_out(now):
             status |= DisplacementStatus.COMMAND_TIMED_OUT
         if self.settings_defaulted:
             status |= DisplacementStatus.SETTINGS_DEFAULTED
