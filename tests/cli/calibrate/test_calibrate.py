@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -46,7 +47,9 @@ def calibrate(kind: str, *arguments: str | Path, folder: Path) -> Result:
     return run("calibrate", kind, *arguments, "--report", report)
 
 
-def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_path: Path) -> None:
+def test_one_drive_calibrates_wheels_then_all_that_was_recorded(
+    drive: Path, robot: Path, tmp_path: Path
+) -> None:
     figures = tmp_path / "wheels.json"
     result = calibrate("wheels", drive, "--robot", robot, "--json", figures, folder=tmp_path)
     assert result.exit_code == 0, result.output
@@ -58,9 +61,11 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
     assert json.loads(figures.read_text())["result"]["passed"] is True
     assert "<svg" in (tmp_path / "wheels.html").read_text()
 
-    result = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
-    assert result.exit_code == 0, result.output
-    lidar = config.load_config(robot).lidar
+    result = calibrate("all", drive, "--robot", robot, folder=tmp_path)
+    assert "camera: left out" in result.output
+    assert "together: wheels, lidar, without camera" in result.output
+    written = config.load_config(robot)
+    lidar = written.lidar
     assert lidar.heading_rad == pytest.approx(TRUE.lidar.heading_rad, abs=0.0035)
     assert lidar.x_m == pytest.approx(TRUE.lidar.x_m, abs=0.003)
     assert lidar.delay_s == pytest.approx(0.08, abs=0.005)
@@ -69,10 +74,12 @@ def test_one_drive_calibrates_wheels_then_lidar(drive: Path, robot: Path, tmp_pa
     )
     assert set(notes) == {str(drive)}
 
-    # The next one begins with what is written: nothing is left to find.
-    again = calibrate("lidar", drive, "--robot", robot, folder=tmp_path)
-    assert again.exit_code == 0
-    assert config.load_config(robot).lidar.delay_s == pytest.approx(lidar.delay_s, abs=1e-3)
+    # Pivots are above the turrets here.
+    turrets = np.array([(turret.x_m, turret.y_m) for turret in written.mocap.turrets])
+    assert np.abs(turrets).max() < 1e-3
+    assert [turret.body for turret in written.mocap.turrets] == [2, 3, 4]
+    fits = json.loads((tmp_path / "robot.covariance.json").read_text())["fits"]
+    assert {"wheels.track_m", "mocap.x_m", "lidar.delay_s"} <= set(fits["joint"]["keys"])
 
 
 def test_a_recording_is_scored_by_its_motion_capture(drive: Path, tmp_path: Path) -> None:
