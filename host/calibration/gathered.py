@@ -184,7 +184,7 @@ class Gathered:
             raise UserError(
                 "motion capture saw no teammate",
                 f"of all bodies it saw {self.config.mocap.body} alone, which is this robot",
-                "put a teammate with a body of its own on the floor",
+                "put a teammate with its own body on the floor",
             )
         return tracks
 

@@ -69,8 +69,8 @@ class Fitted:
         return ""
 
     def shown(self, value: float) -> str:
-        """A value of this row (SI) as the screen has it."""
-        return f"{value * self.scale:.4g} {self.unit}".rstrip()
+        """A value of this row (SI) as text, with its unit; rounding errors of zero are 0."""
+        return f"{round(value * self.scale, 9):.4g} {self.unit}".rstrip()
 
 
 class Quantity(NamedTuple):

@@ -91,7 +91,7 @@ def updated(text: str, settings: Mapping[str, Any], note: str, name: str = "robo
             f"{name} stays as it was: its layout leaves no place for "
             + ", ".join(dict.fromkeys(_section(key) for key in plain)),
             "its tables are not written as in robots/cherokey.toml",
-            "give each table a header of its own, as [camera.front]",
+            "give each table its own header, as [camera.front]",
         )
     return new.replace("\n", "\r\n") if windows else new
 

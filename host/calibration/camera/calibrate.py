@@ -44,8 +44,8 @@ _LABELS = {
     "heading_rad": ("heading", "deg"),
     "tilt_rad": ("tilt", "deg"),
     "roll_rad": ("roll", "deg"),
-    "x_m": ("place x", "mm"),
-    "y_m": ("place y", "mm"),
+    "x_m": ("position x", "mm"),
+    "y_m": ("position y", "mm"),
     "z_m": ("height", "mm"),
 }
 _HELD = "held, as the checkerboard has it"

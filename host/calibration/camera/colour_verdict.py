@@ -125,7 +125,7 @@ def _checks(pictures: list[SearchedPicture], learnt: bool) -> Iterator[Check]:
         else "take it away, or cover it"
     )
     yield at_most(
-        "things taken for strips",
+        "false detections of strips",
         sum(len(picture.others) for picture in pictures),
         0,
         "",

@@ -149,7 +149,7 @@ def reference_of(gathered: Gathered) -> Reference:
         return Captured(gathered.tracks_of_teammates())
     if len(gathered.scans) < 2:
         raise UserError(
-            "there is no reference for where the teammates truly are",
+            "there is no reference for the teammates' positions",
             f"no frame of motion capture and {len(gathered.scans)} revolutions of the lidar",
             "name the source in [mocap] of robot.toml, or connect the lidar and calibrate it first",
         )

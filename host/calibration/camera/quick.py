@@ -148,7 +148,11 @@ def _cost(positions: FloatArray, teammates: FloatArray, pose: FloatArray) -> flo
 def _rows(name: str, camera: Camera, aligned: Aligned) -> Sequence[Fitted]:
     values = aligned.moved(camera)
     sigmas = np.sqrt(np.diag(aligned.motion.covariance))
-    labels = (("x_m", "place x", "mm"), ("y_m", "place y", "mm"), ("heading_rad", "heading", "deg"))
+    labels = (
+        ("x_m", "position x", "mm"),
+        ("y_m", "position y", "mm"),
+        ("heading_rad", "heading", "deg"),
+    )
     return [
         Quantity(f"camera.{name}.{key}", f"{name} {label}", unit, _START).row(
             value, sigma, getattr(camera, key)

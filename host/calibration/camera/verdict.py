@@ -103,7 +103,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
         wrong = [str(detail["loc"][0]) for detail in error.errors()]
     return [
         at_least(
-            f"{name} camera: the lens reaches off its axis",
+            f"{name} camera: half of the lens's field of view",
             equidistant_limit(camera.k1, camera.k2),
             math.radians(90.0),
             "deg",
@@ -136,7 +136,7 @@ def _agreement(
         all_off = np.abs(np.concatenate(off))
         apart = float(np.percentile(all_off, 95)) if len(all_off) else math.inf
     return at_most(
-        "bearings by the halves of the data, apart (95 %)",
+        "difference of bearings between the halves (95 %)",
         apart,
         _HALVES_RAD,
         "deg",

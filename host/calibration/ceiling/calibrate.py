@@ -137,7 +137,7 @@ def _checks(problem: CeilingProblem, fit: CeilingFit) -> tuple[Check, ...]:
             "drive a tag through all of the view, its corners, too",
         ),
         at_most(
-            "corners of tags, off",
+            "error of tag corners",
             fit.rms_px,
             _LARGEST_RMS_PX,
             "px rms",
@@ -145,7 +145,7 @@ def _checks(problem: CeilingProblem, fit: CeilingFit) -> tuple[Check, ...]:
             "and level, and that pictures are sharp",
         ),
         at_most(
-            "sigma of a place on the floor, worst in the picture",
+            "sigma of a position on the floor, worst in the picture",
             float(np.max(sigmas)) if len(sigmas) else math.inf,
             _PLACE_LIMIT_M,
             "mm",

@@ -52,7 +52,7 @@ def calibrate(gathered: Gathered) -> Calibration:
         raise UserError(
             "there is nothing to fit detection to",
             "neither a scan of the lidar nor a picture of a camera was received",
-            "look how lidar and cameras do with `swarmloc run`",
+            "check lidar and cameras with `swarmloc run`",
         )
     parts, scanned = [], None
     if gathered.scans:

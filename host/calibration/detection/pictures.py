@@ -34,7 +34,7 @@ def lidar_pictures(
         _by_range("lidar", views.part(clear), curve),
         _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
         ReportPicture(
-            title="What the lidar's readings are off",
+            title="Errors of the lidar's readings",
             x_label="range, m",
             y_label="reading minus truth, mm",
             series=(
@@ -68,7 +68,7 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
         _by_range("cameras", views, curve),
         _by_bearing("cameras", views.part(views.distances < _BLIND_M), []),
         ReportPicture(
-            title="What the cameras' bearings are off",
+            title="Errors of the cameras' bearings",
             x_label="bearing, deg",
             y_label="bearing minus truth, deg",
             series=(thinned(np.degrees(views.bearings[seen]), errors, role="measured"),),

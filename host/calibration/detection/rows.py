@@ -34,7 +34,7 @@ def all_and_halves(times: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 
 def shown_row(name: str, value: float, unit: str) -> Fitted:
     """A row that is shown and not written."""
-    return Quantity("", name, unit, "shown to be read, and not written").row(value, math.nan)
+    return Quantity("", name, unit, "for information, not written").row(value, math.nan)
 
 
 def positive_row(

@@ -32,15 +32,15 @@ def lidar_verdict(
     off = np.hypot(*survey.offsets[clear].T)
     off = off[np.isfinite(off)]
     return [
-        _count("revolutions of the lidar", len(survey.times), _LEAST_SCANS, "drive on for longer"),
+        _count("revolutions of the lidar", len(survey.times), _LEAST_SCANS, "drive longer"),
         _count(
-            "directions the robot had",
+            "robot headings covered",
             len(DIRECTIONS) - len(missing_directions(survey.robots[:, 2], _LEAST_IN_ONE)),
             _LEAST_HEADINGS,
             "rotate the robot all around: a dark wall and a pillar look alike until it does",
         ),
         at_most(
-            "candidates beside the truth",
+            "offset of candidates from the truth",
             float(np.median(off)) if len(off) else _NOWHERE_M,
             _BESIDE_M,
             "mm",
@@ -57,7 +57,7 @@ def camera_verdict(
 ) -> list[Check]:
     """Conditions on what the cameras saw; mean (rad): the mean error of their bearings."""
     return [
-        _count("pictures", len(survey.times), _LEAST_PICTURES, "drive on for longer"),
+        _count("pictures", len(survey.times), _LEAST_PICTURES, "drive longer"),
         at_most(
             "mean error of the bearings",
             abs(mean),
@@ -68,7 +68,7 @@ def camera_verdict(
         ),
         *_view_checks("camera", survey.views),
         at_least(
-            "view free of teammates",
+            "view without teammates",
             float(survey.free.sum()),
             _LEAST_FREE_RAD,
             "rad",
@@ -89,7 +89,7 @@ def _view_checks(sensor: str, views: Views) -> list[Check]:
             "views of teammates",
             len(views),
             _LEAST_VIEWS,
-            "keep teammates in plain view, apart from each other, and drive on for longer",
+            "keep teammates in plain view, apart from each other, and drive longer",
         ),
         (
             f"views nearer than {_NEAR_M:g} m",

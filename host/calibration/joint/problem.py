@@ -54,7 +54,7 @@ def problem_of(gathered: Gathered, names: Collection[str]) -> Problem:
         raise UserError(
             "there is nothing to fit together: motion capture saw no teammate",
             "what lidar and cameras share is where it has the teammates",
-            "put a teammate with a body of its own on the floor",
+            "put a teammate with its own body on the floor",
         )
     drives = usable(drives_of(gathered))[0] if "wheels" in names else []
     unknowns = Unknowns(6 + 2 * len(drives), tracks.identities.tolist())

@@ -60,7 +60,7 @@ _ROWS = (
         4,
         Quantity(
             "",
-            "turrets measured too far by",
+            "range bias at turrets",
             "mm",
             "not written; it shows whether lidar.target_diameter_m is the turrets'",
         ),

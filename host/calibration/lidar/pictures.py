@@ -27,7 +27,7 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
                     x=rejected[:, 0], y=rejected[:, 1], label="rejected as wrong", role="refused"
                 ),
             ),
-            caption="Where teammates truly were when the lidar saw them, in the robot frame. "
+            caption="True positions of teammates when the lidar saw them, in the robot frame. "
             "Good is all around, near and far.",
             equal=True,
         ),

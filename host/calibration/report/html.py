@@ -70,8 +70,7 @@ def _verdict(calibration: Calibration) -> str:
         return f'<div class="verdict passed"><strong>✓ Passed</strong>{residuals}</div>'
     reasons = "".join(f"<li>{_text(failure)}</li>" for failure in failures)
     return (
-        '<div class="verdict failed"><strong>✗ Not to be used</strong>'
-        f"<ul>{reasons}</ul>{residuals}</div>"
+        f'<div class="verdict failed"><strong>✗ Refused</strong><ul>{reasons}</ul>{residuals}</div>'
     )
 
 

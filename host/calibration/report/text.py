@@ -103,7 +103,7 @@ def _conclusion(calibration: Calibration, most: int) -> str:
         textwrap.fill(failure, most, initial_indent="- ", subsequent_indent="  ")
         for failure in failures
     )
-    return "\n".join(["not to be used:", *points])
+    return "\n".join(["refused:", *points])
 
 
 def as_json(calibration: Calibration, source: str, date: str) -> dict[str, Any]:

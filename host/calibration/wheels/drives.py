@@ -25,7 +25,7 @@ def drives_of(gathered: Gathered) -> list[Drive]:
         raise UserError(
             "there are no wheel ticks to calibrate with",
             "the board sent no displacement, or the recording was made without ticks",
-            "see how the board does with `swarmloc run`, and record again",
+            "check the board with `swarmloc run`, and record again",
         )
     tracks = gathered.tracks()
     body = gathered.config.mocap.body

@@ -104,7 +104,7 @@ def _headings(
         x_label="time, s",
         y_label="by the wheels minus true, deg",
         series=tuple(series),
-        caption="What is left wanders; a line that still climbs steadily is geometry.",
+        caption="What is left is a random walk; a line that still climbs steadily is geometry.",
     )
 
 
@@ -113,7 +113,7 @@ def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportP
     rates = np.degrees(used.moved[:, 2]) / WINDOW_S
     old = misses(drives, *before, used)
     return ReportPicture(
-        title="Heading missed in 2 s, by rotation rate",
+        title="Heading error in 2 s, by rotation rate",
         x_label="rotation rate, deg/s",
         y_label="by the wheels minus true, deg",
         series=(

@@ -26,12 +26,12 @@ _CURVE_S, _CURVES, _LEAST_CURVED = 0.5, (0.08, 0.75), 0.2  # of `Coverage.curved
 _RADIUS_VARIES, _TRACK_VARIES = 0.0005, 0.002  # std between kinds of paths, relative ...
 _ALIKE = 1.3  # ... and so many times more where all curves are alike
 _VAGUE = 0.4  # sigma of a noise, as a share of it
-LAG = "odometry's lag behind motion capture"
+LAG = "odometry's delay behind motion capture"
 KEYS = ("wheels.left_radius_m", "wheels.right_radius_m", "wheels.track_m", *BODY)
 _NOISES = (
-    ("distance_noise_m", "noise of the way after 1 m", "mm"),
-    ("heading_noise_rad", "noise of the heading after 1 rad", "deg"),
-    ("drift_noise_rad", "noise of the heading after 1 m", "deg"),
+    ("distance_noise_m", "distance noise after 1 m", "mm"),
+    ("heading_noise_rad", "heading noise after 1 rad", "deg"),
+    ("drift_noise_rad", "heading noise after 1 m", "deg"),
 )
 _LEAST_NOISE = 0.001  # m, rad
 BIN_S = 2.0
@@ -118,7 +118,7 @@ def value_rows(
     ]
     lags = found.values[LAGS]
     share = np.full(len(lags), 1.0 / len(lags))
-    lag = Quantity("", LAG, "ms", "the lag is the recording's own, and not written")
+    lag = Quantity("", LAG, "ms", "the delay belongs to the recording and is not written")
     sigma = math.sqrt(share @ found.covariance[LAGS, LAGS] @ share)
     return (*rows, lag.row(lags.mean(), sigma))
 
@@ -132,8 +132,8 @@ def noise_rows(noises: FloatArray, sigmas: FloatArray, wheels: Wheels) -> tuple[
         value = max(noise, _LEAST_NOISE) if math.isfinite(noise) else math.nan
         what = Quantity(f"wheels.{key}", name, unit, _VAGUE * value)
         if not sigma <= _VAGUE * value:
-            why = "a noise that is too vague is kept as it was"
-            what = Quantity("", f"{name} (too vague: kept)", unit, why)
+            why = "a noise that is too uncertain is kept as it was"
+            what = Quantity("", f"{name} (too uncertain: kept)", unit, why)
         rows.append(what.row(value, sigma, getattr(wheels, key)))
     return tuple(rows)
 
@@ -206,13 +206,13 @@ def warnings(driven: Coverage) -> list[str]:
     if driven.spread < _LEAST_SPREAD:
         return [
             f"all curves are alike (spread {driven.spread:.2f}, {_LEAST_SPREAD:.2f} is needed): "
-            "expect the fit to carry over badly to other paths; drive straight, in wide curves and "
+            "expect the fit to transfer badly to other paths; drive straight, in wide curves and "
             "on the spot as well"
         ]
     if driven.curved < _LEAST_CURVED:
         return [
             f"straight lines and rotations on the spot, curves for {100 * driven.curved:.0f} % of "
-            "the time only: expect the fit to carry over badly to other paths; drive wide and "
+            "the time only: expect the fit to transfer badly to other paths; drive wide and "
             "narrow curves as well"
         ]
     return []

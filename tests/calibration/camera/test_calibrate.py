@@ -227,7 +227,7 @@ def test_advice_names_what_is_missing_until_nothing_is() -> None:
 
 def test_what_cannot_be_fitted_at_all_is_told() -> None:
     gathered = Gathered(RobotConfig())
-    with pytest.raises(UserError, match="no reference for where the teammates truly are"):
+    with pytest.raises(UserError, match="no reference for the teammates' positions"):
         calibrate(gathered)
     gathered.take(Bodies(0.0, np.array([1]), np.zeros((1, 3))))
     with pytest.raises(UserError, match="motion capture saw no teammate"):

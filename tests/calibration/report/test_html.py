@@ -141,7 +141,7 @@ def test_a_fit_that_passes_says_so_and_shows_every_figure() -> None:
 
 def test_a_fit_that_fails_says_why_and_what_to_do() -> None:
     words = page_of(calibration(USED, FLAT)).words
-    assert "✗ Not to be used" in words
+    assert "✗ Refused" in words
     assert "delay separate from rotation: drive eights & stop <often>" in words
     assert words.count("✗ fails") == 1
 
@@ -279,9 +279,7 @@ def test_the_console_has_80_columns_and_the_verdict_last() -> None:
     (heading,) = (line for line in lines if line.startswith("heading"))
     words = " ".join(heading.split())
     assert words == "heading of the lidar 3.002 ± 0.017 deg 0.1 deg 0.573 ok"
-    assert text.endswith(
-        "not to be used:\n- delay separate from rotation: drive eights & stop <often>"
-    )
+    assert text.endswith("refused:\n- delay separate from rotation: drive eights & stop <often>")
     assert as_text(calibration(USED)).endswith("\n\npassed")
 
 

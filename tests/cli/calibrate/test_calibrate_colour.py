@@ -146,7 +146,7 @@ def test_a_strip_of_two_colours_has_none_to_learn_and_is_shown(tmp_path: Path) -
     assert (good.exit_code, "1 of 1 strips found" in good.output) == (0, True), good.output
     bad = command(path, "--output", output, "--box", "100,300,60,60")
     assert bad.exit_code == 1
-    assert "things taken for strips" in bad.output
+    assert "false detections of strips" in bad.output
     assert "not found" in bad.output
 
 
@@ -162,7 +162,7 @@ def test_the_verdict_counts_strips_and_what_is_none(picture: Path, tmp_path: Pat
     assert (both.exit_code, "2 of 2 strips found" in both.output) == (0, True), both.output
     one = run(path, "--box", boxes[0], "--output", output)
     assert one.exit_code == 1
-    assert "things taken for strips" in one.output
+    assert "false detections of strips" in one.output
     assert "hue_deg" not in (tmp_path / "robot.toml").read_text(encoding="utf-8")
     assert is_yellow(output, box_around(-0.7, 1.2))
     assert run(path, "--box", boxes[0], "--output", output, "--accept").exit_code == 0
