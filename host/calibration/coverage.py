@@ -22,7 +22,7 @@ _THINNED_S = 0.05  # motion capture is fast; for advice this will do
 
 
 def missing_directions(bearings: FloatArray, least: int) -> list[str]:
-    """Of the eight directions those with fewer than `least` of the bearings (n,) rad, in words."""
+    """Of the eight directions those with fewer than `least` of the bearings (n,) rad, as text."""
     known = np.asarray(wrap(bearings[np.isfinite(bearings)]))
     index = np.round(known / (math.tau / len(DIRECTIONS))).astype(int)
     counts = np.bincount(index % len(DIRECTIONS), minlength=len(DIRECTIONS))

@@ -51,7 +51,7 @@ class Fitted:
 
     @property
     def failure(self) -> str:
-        """Why it does not pass, in words; "" where it does."""
+        """Why it does not pass, as text; "" where it does."""
         if self.limit is None:
             return ""
         if not math.isfinite(self.sigma):
@@ -208,7 +208,7 @@ class Calibration:
 
     @property
     def failures(self) -> list[str]:
-        """Why the fit is not to be used, in words, with what to do; empty where it is."""
+        """Why the fit is not to be used, as text, with what to do; empty where it is."""
         failed = [f"{check.name}: {check.advice}" for check in self.checks if not check.passed]
         return failed + [row.failure for row in self.fitted if row.failure]
 

@@ -153,7 +153,7 @@ class Consistency:
         return any(len(values) >= _FEWEST for values in self._innovations.values())
 
     def summary(self) -> str:
-        """The ratio of each sensor that is known, in words."""
+        """The ratio of each sensor that is known, as text."""
         ratios = {sensor: self.ratio(sensor) for sensor in _MEDIANS}
         known = [f"{name} {ratio:.1f}" for name, ratio in ratios.items() if not math.isnan(ratio)]
         return f"they fit the data (NIS over the expected: {', '.join(known)})"

@@ -35,7 +35,7 @@ class Judge(Protocol):
         """What is wrong, with the next step; None where nothing is."""
 
     def summary(self) -> str:
-        """What was found, in words."""
+        """What was found, as text."""
 
 
 @runtime_checkable

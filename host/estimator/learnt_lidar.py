@@ -81,7 +81,7 @@ class LearntLidar(LidarModel):
         return self._expected > _KNOWN_CHANCES
 
     def summary(self) -> str:
-        """What was learnt, in words."""
+        """What was learnt, as text."""
         return (
             f"the lidar finds {self.close_by:.0%} of the teammates in plain view, "
             f"{self._config.detection_probability:.0%} are configured"

@@ -8,7 +8,7 @@ PHD_based_relative_localization): system noise, merging, pruning.
 
 Repairs (docs/filters.md gives their reasons):
  1. eq. 7–8: R(dpsi) is right for the clockwise dpsi of eq. 32; ours is counter-clockwise.
- 2. eq. 8: Q is not given; 0.01 m² per axis at 20 updates a second, by time.
+ 2. eq. 8: Q is not given; 0.01 m² per axis at 20 updates per second, by time.
  3. eq. 15, 27: the innovation's covariance S where the component's stands, and divided by the sum
     that eq. 6 has below the line.
  4. eq. 20–22: products over the pillars and robots where sums are printed (a sum of four gives

@@ -152,7 +152,7 @@ def _aside(off: FloatArray) -> float:
 
 
 def sectors_without_views(found: Sequence[BearingSector]) -> str:
-    """Where one camera has no views, in words; "" where it has all."""
+    """Where one camera has no views, as text; "" where it has all."""
     empty = [sector for sector in found if sector.pairs < LEAST_VIEWS]
     return (
         f"{found[0].camera} camera has no views {sectors_in_words(empty, found)}" if empty else ""

@@ -1,4 +1,4 @@
-"""Strips that the cameras saw, and where teammates truly were: by motion capture or the lidar."""
+"""Strips in pictures with the teammates' true positions, by motion capture or the lidar."""
 
 import itertools
 import math
@@ -34,7 +34,7 @@ class Strips:
 
 
 class Reference(Protocol):
-    """Where teammates truly are. noise_m: how far off it may be itself."""
+    """True positions of teammates. noise_m: their own uncertainty."""
 
     noise_m: float
 

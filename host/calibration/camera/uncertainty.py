@@ -45,7 +45,7 @@ def covariance_of(
 
 
 def unseen(values: FloatArray, free: BoolArray) -> FloatArray:
-    """What of the covariance (23, 23) is for where a strip's middle truly is, and for the stamps.
+    """The part of the covariance (23, 23) from the strips' true middles and the time stamps.
 
     If it is higher, a camera is; if it is farther away, a camera is farther back.
     """

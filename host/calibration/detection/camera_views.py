@@ -50,7 +50,7 @@ class CameraSurvey:
 
 
 class _Pictures:
-    """All pictures with where teammates truly were: (s, m); nan where unknown."""
+    """All pictures with the teammates' true positions: (s, m); nan if unknown."""
 
     def __init__(self, pictures: list[Bearings], tracks: Tracks) -> None:
         self.times = np.array([picture.time for picture in pictures])

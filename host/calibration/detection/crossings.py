@@ -1,4 +1,4 @@
-"""When the lidar's beam crossed each teammate in each revolution, and where it truly was."""
+"""When the lidar's beam crossed each teammate in each revolution, and its true position."""
 
 from collections.abc import Sequence
 

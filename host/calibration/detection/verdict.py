@@ -130,7 +130,7 @@ def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> lis
 
 
 def detection_advice(gathered: Gathered) -> list[str]:
-    """What is still missing while the robot drives, in words; empty when there is enough."""
+    """What is still missing while the robot drives, as text; empty when there is enough."""
     if not gathered.bodies:
         return ["no motion capture yet"]
     if not gathered.scans and not gathered.bearings:

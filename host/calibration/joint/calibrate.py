@@ -72,7 +72,7 @@ def _turrets_in_words(problem: Problem, solution: Solution) -> str:
 def keys_of(problem: Problem) -> dict[str, int]:
     """Keys of robot.toml that are fitted, and where each is among the unknowns."""
     lidar, cameras = problem.unknowns.lidar.start, problem.unknowns.cameras
-    # Without wheels the body's pose is free as far as earlier fits left it, but not found anew.
+    # Without wheels the body's pose is free as far as earlier fits left it, but not found again.
     places = {key: k for k, key in enumerate(KEYS)} if problem.wheels is not None else {}
     places |= {key: lidar + k for k, key in enumerate((*LIDAR, "lidar.delay_s"))}
     places |= {

@@ -36,7 +36,7 @@ class Solution:
 
 
 def solve(sensors: Sequence[Sensor], prior: Prior, start: FloatArray) -> Solution:
-    """Gauss-Newton from values (p,) near by; what a sensor trusts is decided anew at each step.
+    """Gauss-Newton from values (p,) near by; what a sensor trusts is decided again at each step.
 
     The covariance is a sandwich: sensors' errors are independent of each other's, and each
     sensor's scatter as its evidence says. Raises UserError where readings do not separate values.

@@ -116,7 +116,7 @@ class CameraEvidence:
         self._fitted = np.array(found.fitted)
 
     def evidence(self, values: FloatArray) -> Evidence:
-        """What the strips say that are near a teammate as drawn; their noise is measured anew."""
+        """What the strips say that are near a teammate as drawn; their noise is measured again."""
         part = self._unknowns.cameras
         own = values[part]
         tracks = self._unknowns.tracks(self._tracks, values)

@@ -59,7 +59,7 @@ class Unknowns:
     def slopes_of_places(
         self, tracks: Tracks, values: FloatArray, who: IntArray, times: FloatArray, at: FloatArray
     ) -> FloatArray:
-        """Derivatives (n, 2, p) of where turrets truly are, `at` (n, 2) m in the robot frame.
+        """Derivatives (n, 2, p) of where turrets actually are, `at` (n, 2) m in the robot frame.
 
         who (n,): the teammates' numbers; times (n,) s.
         """

@@ -84,7 +84,7 @@ def _residuals(
 
 
 def _bias(outcome: Outcome) -> str:
-    """Whether turrets lie too far or too near all in all, in words."""
+    """Whether turrets lie too far or too near all in all, as text."""
     along, _ = outcome.along_across
     bias = float(np.median(along)) if len(along) else 0.0
     if abs(bias) < _BIAS_M:

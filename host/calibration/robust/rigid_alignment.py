@@ -91,7 +91,7 @@ def align(
 
 
 def _check_numbers(from_points: FloatArray, to_points: FloatArray, weights: FloatArray) -> None:
-    """Raise ValueError, in words, for what cannot be points and weights."""
+    """Raise ValueError, as text, for what cannot be points and weights."""
     count = len(from_points)
     if not count:
         raise ValueError("there are no points to align")

@@ -18,7 +18,7 @@ _RAYLEIGH_MEDIAN = 1.1774  # of the length of a plane vector of two of these: sq
 def check_rows(
     name: str, rows: FloatArray, shape: tuple[int, ...], least: float = -math.inf
 ) -> None:
-    """Raise ValueError, in words, for rows of another shape, not finite, or less than `least`."""
+    """Raise ValueError, as text, for rows of another shape, not finite, or less than `least`."""
     if np.shape(rows) != shape:
         raise ValueError(f"{name} are an array {shape}, not {np.shape(rows)}")
     wrong = ~(np.isfinite(rows) & (np.asarray(rows) >= least))

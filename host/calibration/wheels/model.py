@@ -128,7 +128,7 @@ class Windows:
     """Pairs of true poses that lie so many seconds apart.
 
     drives (w,): which drive each is of. starts, ends (w,) s: when. moved (w, 3): how the body
-    truly moved, seen from its pose at the start.
+    actually moved, seen from its pose at the start.
     """
 
     drives: IntArray
@@ -147,7 +147,7 @@ class Windows:
 
     @property
     def moving(self) -> BoolArray:
-        """In which windows (w,) the body truly moved."""
+        """In which windows (w,) the body actually moved."""
         ways = np.hypot(*self.moved[:, :2].T) + _RADIAN_M * np.abs(self.moved[:, 2])
         return np.asarray(ways > _LEAST_MOVED_M)
 

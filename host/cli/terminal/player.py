@@ -123,7 +123,7 @@ def play(
 ) -> Replayed | None:
     """Replay on the screen and the page, until its end or a signal; None before a first end.
 
-    With a page it rests at the end, and begins anew where that is asked for.
+    With a page it rests at the end, and restarts where that is asked for.
     """
     replayed = None
     console = Console(state, sys.stdout)
