@@ -233,7 +233,7 @@ def test_a_value_out_of_bounds_is_named_and_the_file_left_alone(
     "text", ["lidar = {x_m = 0.1}\n", "lidar.x_m = 0.1\n", "[camera]\nfront.k1 = 0.1\n"]
 )
 def test_a_layout_without_headers_is_refused_in_words(text: str) -> None:
-    with pytest.raises(UserError, match=r"header of its own"):
+    with pytest.raises(UserError, match=r"its own header"):
         updated(text, FITTED, NOTE)
 
 
