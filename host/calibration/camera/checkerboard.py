@@ -230,8 +230,10 @@ def _pose(board: FloatArray, rays: FloatArray) -> FloatArray:
     if ahead[:, 2].min() <= 0.0:
         return np.full(6, math.nan)
     points = np.column_stack((board, np.zeros(len(board))))
-    _, rotating, place = cv2.solvePnP(
+    found, rotating, place = cv2.solvePnP(
         points, ahead[:, :2] / ahead[:, 2:], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
+    if not found or not np.isfinite(np.hstack((rotating, place))).all():
+        return np.full(6, math.nan)
     pose = look.inv() * Rotation.from_rotvec(rotating.ravel())
     return np.concatenate((pose.as_rotvec(), look.inv().apply(place.ravel())))

@@ -121,6 +121,13 @@ def test_it_does_not_matter_at_which_end_a_detector_began() -> None:
     assert ray_error_deg(first.camera, second.camera, 90.0) < 1e-3
 
 
+@pytest.mark.parametrize("step", [(0.0, 0.0), (20.0, 10.0)])
+def test_corners_in_one_place_or_line_fit_no_lens(step: tuple[float, float]) -> None:
+    pixels = 300.0 + np.arange(35.0)[:, None] * step
+    with pytest.raises(UserError, match="no lens fits these corners"):
+        fit_lens([BoardView(board_corners(7, 5, 0.03), pixels)] * 4, Camera())
+
+
 def test_too_few_pictures_are_refused() -> None:
     with pytest.raises(UserError, match="2 pictures, 0 of them with fewer than 8 corners"):
         fit_lens(views_of(TRUE, 0.0)[:2], Camera())
