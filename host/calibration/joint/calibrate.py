@@ -24,6 +24,7 @@ from host.calibration.lidar.calibrate import UNSEEN
 from host.calibration.result import Calibration
 from host.calibration.wheels.model import LAGS
 from host.calibration.wheels.verdict import KEYS, coverage, other_paths
+from host.config import RobotConfig
 from host.messages import FloatArray
 
 SensorName = Literal["wheels", "lidar", "camera"]
@@ -39,8 +40,8 @@ def calibrate(
     """Refine what the fits of `sensors` have written, all of it together.
 
     The configuration is theirs: there this fit begins. lidar_start: values of a lidar's fit that
-    is not written, by key. Raises UserError where there is no motion
-    capture of this robot and a teammate, or a sensor has no readings that fit what is configured.
+    is not written, by key. Raises UserError where there is no motion capture of this robot and a
+    teammate, or a sensor has no readings that fit what is configured.
     """
     problem = problem_of(gathered, sensors)
     places = keys_of(problem)
@@ -59,7 +60,7 @@ def calibrate(
         warnings=moved(rows, gathered),
         pictures=pictures(problem, solution),
         joint=(tuple(places), covariance[np.ix_(at, at)]),
-        settings=settings_of(problem, solution.values, covariance),
+        settings=settings_of(problem, solution.values, covariance, gathered.config),
         figures={"sensors": list(problem.sensors), "last_step_sigmas": solution.last_step},
     )
 
@@ -84,8 +85,13 @@ def keys_of(problem: Problem) -> dict[str, int]:
     return {key: place for key, place in places.items() if problem.prior.free[place]}
 
 
-def settings_of(problem: Problem, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-    """What is written besides the rows: the lenses' model, and turrets that the drive shows."""
+def settings_of(
+    problem: Problem, values: FloatArray, covariance: FloatArray, config: RobotConfig
+) -> dict[str, Any]:
+    """What is written besides the rows: the lenses' model, and turrets that the drive shows.
+
+    Those of other bodies stay as in `config`.
+    """
     fitted = problem.cameras.fitted if problem.cameras else (False, False)
     lenses = {
         f"camera.{name}.lens": "equidistant"
@@ -95,12 +101,12 @@ def settings_of(problem: Problem, values: FloatArray, covariance: FloatArray) ->
     part = problem.unknowns.turrets
     places = values[part].reshape(-1, 2).tolist()
     sigmas = np.sqrt(np.diag(covariance)[part]).reshape(-1, 2).max(axis=1)
-    turrets = [
-        {"body": body, "x_m": x, "y_m": y}
+    turrets = {turret.body: turret.model_dump() for turret in config.mocap.turrets} | {
+        body: {"body": body, "x_m": x, "y_m": y}
         for body, (x, y), sigma in zip(problem.unknowns.teammates, places, sigmas, strict=True)
         if sigma <= _KNOWN_M
-    ]
-    return {**lenses, "mocap.turrets": turrets}
+    }
+    return {**lenses, "mocap.turrets": list(turrets.values())}
 
 
 def complete(

@@ -35,10 +35,9 @@ class Sequence:
             self._try(sensor)
             if "wheels" in self._refused:
                 break  # all others stand on how the tracked body lies
-        self._together()
-        if again := [sensor for sensor in SENSORS[1:] if sensor in self._refused]:
-            if set(self._passed) == {"wheels"} and "lidar" in self._fits:
-                self._find_turrets(self._fits["lidar"])
+        found = self._together() or self._find_turrets()
+        again = [sensor for sensor in SENSORS[1:] if sensor in self._refused]
+        if found and again:
             click.echo(f"{', '.join(again)}: again, with turrets where they were found\n")
             for sensor in again:
                 self._try(sensor)
@@ -48,25 +47,36 @@ class Sequence:
         for error in self._refused.values():
             raise error
 
-    def _together(self) -> None:
-        """The fit of all that passed, where that is more than wheels."""
+    def _together(self) -> bool:
+        """The fit of all that passed, where that is more than wheels: whether it passed."""
         if set(self._passed) <= {"wheels"}:
-            return
+            return False
         left = [sensor for sensor in SENSORS if sensor not in self._passed]
         if left:
             click.echo(f"together: {', '.join(self._passed)}, without {', '.join(left)}")
         self._try("joint")
+        return "joint" not in self._refused
 
-    def _find_turrets(self, lidar: Calibration) -> None:
-        """Write where turrets are by a lidar's fit that was refused: this may be why it was."""
+    def _find_turrets(self) -> bool:
+        """Write where turrets are, by a lidar's fit that was refused: this may be why it was.
+
+        Gives whether they were found.
+        """
+        if self._passed != ["wheels"] or "lidar" not in self._fits:
+            return False
         fitting = Fitting(**self._common, report_path=self._report_path, json_path=None)
         name, gathered = fitting.gather(self._source, lambda _: [])
-        found = fit_jointly(gathered, ["wheels", "lidar"], lidar.new_settings())
-        if not found.failures and fitting.robot_path is not None:
-            turrets = {"mocap.turrets": found.settings["mocap.turrets"]}
-            today = datetime.date.today().isoformat()
-            note = f"turrets calibrated {today} from {name}: {found.residuals}"
-            robot_file.update(fitting.robot_path, turrets, note)
+        try:
+            found = fit_jointly(gathered, ["wheels", "lidar"], self._fits["lidar"].new_settings())
+        except UserError:
+            return False  # the lidar's own refusal says more
+        if found.failures or fitting.robot_path is None:
+            return False
+        turrets = {"mocap.turrets": found.settings["mocap.turrets"]}
+        today = datetime.date.today().isoformat()
+        note = f"turrets calibrated {today} from {name}: {found.residuals}"
+        robot_file.update(fitting.robot_path, turrets, note)
+        return True
 
     def _try(self, kind: CalibrationKind) -> None:
         """One fit; one that is refused is kept in mind."""

@@ -136,6 +136,16 @@ def test_without_wheels_the_body_is_as_uncertain_as_the_wheels_fit_has_left_it()
     assert list(kept.entries) == ["joint"]
 
 
+def test_turrets_of_bodies_that_this_drive_lacks_stay_as_they_are_configured() -> None:
+    gathered = copy.copy(drive(0))
+    old = (Turret(body=2, x_m=0.02, y_m=0.02), Turret(body=9, x_m=0.001, y_m=0.002))
+    gathered.config = gathered.config.model_copy(update={"mocap": Mocap(turrets=old)})
+    first, *others = calibrate(gathered, ["lidar"]).settings["mocap.turrets"]
+    assert (first["body"], first["x_m"]) == (2, pytest.approx(-PIVOTS[0, 0], abs=0.003))
+    assert [turret["body"] for turret in others] == [9, 3]
+    assert others[0]["x_m"] == 0.001
+
+
 def test_without_a_teammate_there_is_nothing_that_sensors_share() -> None:
     gathered = Gathered(RobotConfig())
     gathered.bodies = [Bodies(t, np.array([1]), np.zeros((1, 3))) for t in (0.0, 1.0)]

@@ -91,6 +91,15 @@ def test_one_that_is_refused_again_is_left_out_and_told_at_the_end(
     assert "detection" not in fits.made
 
 
+def test_where_no_turrets_were_found_nothing_is_tried_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    fits = Fits(refused=("lidar", "joint of wheels camera"))
+    with pytest.raises(UserError, match="the lidar calibration is refused"):
+        run(fits, monkeypatch, tmp_path)
+    assert fits.made == ["wheels", "lidar", "camera", "joint of wheels camera"]
+
+
 def test_without_wheels_nothing_else_is_fitted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
