@@ -10,6 +10,14 @@ from host.messages import FloatArray
 
 _APART_SIGMAS, _APART_LIMITS = 6.0, 2.0  # beyond both, the halves of the data disagree
 _MOST_POINTS = 2000  # of a series
+_DRIVEN = "straight on, in wide and narrow curves both ways, at more than one speed"
+_AROUND = "with teammates near and far, all around, while the robot rotates both ways"
+_SURER = {  # how to record, for smaller sigmas of each kind of calibration
+    "wheels": _DRIVEN,
+    "lidar": f"{_AROUND}; begin with `swarmloc calibrate wheels`, whose sigmas the lidar's contain",
+    "detection": _AROUND,
+    "joint": f"{_DRIVEN}, {_AROUND}",
+}
 SCREEN_UNITS = {"deg": 180.0 / math.pi, "mm": 1e3, "cm": 1e2, "ms": 1e3, "%": 1e2}
 """How many of a unit of the screen make one SI unit; units that are not here are SI."""
 
@@ -67,6 +75,16 @@ class Fitted:
             if apart > max(_APART_SIGMAS * self.sigma, _APART_LIMITS * self.limit):
                 return f"the two halves of the data differ by {self.shown(apart)} in {self.name}"
         return ""
+
+    @property
+    def next_step(self) -> str:
+        """What to do where it does not pass: sigma falls with the root of the time recorded."""
+        longer = (self.sigma / self.limit) ** 2 if self.limit else math.nan
+        if not longer < math.inf:
+            return "record again"
+        if longer <= 1.0:  # the halves disagree
+            return "see that nothing is loose, slips or is pushed, and record again"
+        return f"record about {max(longer, 1.1):.2g} times as long"
 
     def shown(self, value: float) -> str:
         """A value of this row (SI) as text, with its unit; rounding errors of zero are 0."""
@@ -210,7 +228,8 @@ class Calibration:
     def failures(self) -> list[str]:
         """Why the fit is not to be used, as text, with what to do; empty where it is."""
         failed = [f"{check.name}: {check.advice}" for check in self.checks if not check.passed]
-        return failed + [row.failure for row in self.fitted if row.failure]
+        how = _SURER.get(self.kind, _SURER["joint"])
+        return failed + [f"{r.failure}: {r.next_step}, {how}" for r in self.fitted if r.failure]
 
     def new_settings(self) -> dict[str, Any]:
         """Every value for robot.toml by its key."""

@@ -78,7 +78,8 @@ def _bearings(name: str, found: list[BearingSector], timed: bool) -> Check:
         f"{name} camera knows bearings badly {sectors_in_words(bad, found)}: record for longer, "
         "with teammates there, near (0.5 m) and far (2 m)"
         if timed
-        else "as long as the delay is not known, neither is where the camera looks",
+        else "as long as the delay is not known, neither is where the camera looks: rotate both "
+        "ways, at more than one speed, with teammates in view",
     )
 
 
