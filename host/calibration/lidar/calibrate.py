@@ -46,10 +46,9 @@ _SCANNED = 500  # turrets that the cost at a delay is of
 _PAIRING_ROUNDS = 3
 _RISE_SIGMAS = 3.0
 _LEAST_ROTATION = math.pi
-# Std of what repeating does not show: where within a step of 1/64 deg the lidar's angles begin;
-# when in the time of a byte it is stamped.
-_ANGLE_STEP, _BYTE_S = math.radians(1.0 / 64.0) / math.sqrt(12.0), 7.8e-5 / math.sqrt(12.0)
-UNSEEN = np.diag([0.0, 0.0, _ANGLE_STEP, _BYTE_S, 0.0]) ** 2
+# Std of what repeating does not show: a byte is stamped up to its own time late.
+_BYTE_S = 7.8e-5 / math.sqrt(3.0)
+UNSEEN = np.diag([0.0, 0.0, 0.0, _BYTE_S, 0.0]) ** 2
 # Of each row: place among the fitted values, and what it is.
 _ROWS = (
     (2, Quantity("lidar.heading_rad", "heading of the lidar", "deg", math.radians(0.1))),
@@ -191,7 +190,7 @@ def _honest(covariance: FloatArray, outcome: Outcome) -> FloatArray:
 def _complete(covariance: FloatArray, values: FloatArray, gathered: Gathered) -> FloatArray:
     """The covariance (5, 5) with what repeating this drive does not show.
 
-    How the tracked body lies on the robot, when the truth was stamped, the lidar's own steps.
+    How the tracked body lies on the robot, when the truth was stamped, how late bytes are.
     """
     config = gathered.config
     slopes = np.zeros((5, 3))
