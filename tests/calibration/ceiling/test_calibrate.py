@@ -78,7 +78,7 @@ def test_lens_and_mounting_come_out_of_tags_moved_through_the_view() -> None:
     assert np.median(before) > 5.0
     assert np.median(after) < 2.0
     assert np.max(after) < 5.0
-    limit = next(check for check in found.checks if "place on the floor" in check.name)
+    limit = next(check for check in found.checks if "position on the floor" in check.name)
     assert np.max(after) < 3.0 * limit.value
     assert all(series.role for picture in found.pictures for series in picture.series)
 

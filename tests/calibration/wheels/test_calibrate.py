@@ -101,7 +101,7 @@ def test_without_noise_every_number_comes_back():
     values = {row.key: row.value for row in found.fitted}
     assert [values[key] for key in NAMES] == pytest.approx([0.0331, 0.0321, 0.151], rel=2e-4)
     assert [values[key] for key in BODY] == pytest.approx([0.03, -0.02, 1.2], abs=2e-4)
-    (lag,) = (row for row in found.fitted if "lag" in row.name)
+    (lag,) = (row for row in found.fitted if "odometry's delay" in row.name)
     assert lag.value == pytest.approx(LAG_S, abs=1e-3)
     assert set(found.new_settings()) == {
         *NAMES,
@@ -227,7 +227,7 @@ def test_a_robot_that_stood_still_is_told_so():
 def test_circles_of_one_radius_are_warned_of():
     alike = calibrate(circles(40.0, 0.4, -0.4), Wheels(), Mocap())
     assert failed(alike) == []
-    assert "carry over badly" in alike.warnings[0]
+    assert "transfer badly" in alike.warnings[0]
     assert len(alike.warnings) == 1
     varied = calibrate([wandering(4)], Wheels(), Mocap())
     assert varied.warnings == ()
@@ -441,7 +441,7 @@ def test_what_circles_alone_do_not_tell_is_said(sessions, fits):
     wheels, drives = sessions
     both = fits["circular"]
     assert both.failures == []
-    assert "carry over badly" in both.warnings[0]
+    assert "transfer badly" in both.warnings[0]
     for run in (*drives["circular"], *drives["square"]):
         alone = calibrate([run], wheels, Mocap())
         assert any("does not separate the track" in failure for failure in alone.failures), run.name
