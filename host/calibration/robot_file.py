@@ -176,10 +176,6 @@ class _Table:
                 return True
         return False
 
-    def add(self, lines: list[str]) -> None:
-        """Put lines below the header."""
-        self.lines[bool(self.header) : bool(self.header)] = lines
-
     def split(self) -> tuple[list[str], list[str]]:
         """Its lines up to the last value, and what follows, which may belong to the next table."""
         values = (k for k, x in enumerate(self.lines) if x.strip() and x.lstrip()[0] != "#")
@@ -190,7 +186,7 @@ class _Table:
 def _tables(text: str) -> list[_Table]:
     """What `text` consists of: what is above all tables, then each of them."""
     tables = [_Table("", [])]
-    for line in text.split("\n"):
+    for line in text.split("\n") if text else ():
         if match := _HEADER.match(line):
             name = ".".join(part.strip(" \"'") for part in match[2].split("."))
             tables.append(_Table(f"{match[1]}{name}{match[3]}", []))
@@ -207,12 +203,12 @@ def _parsed(lines: list[str]) -> dict[str, Any]:
 
 def _changed(lines: list[str], key: str, value: Any) -> list[str]:
     """The lines of one key with another value; a comment stays in its column and is kept true."""
-    line = lines[0]
-    hashes = (k for k, c in enumerate(line) if c == "#" and _parsed([line[:k]]))
-    column = next(hashes, len(line))
-    new = f"{line[: line.index('=')]}= {_toml(value)}"
-    if column < len(line) and len(lines) == 1:
-        comment = _true_comment(line[column:], _parsed([line])[key], value)
+    *above, last = lines
+    hashes = (k for k, c in enumerate(last) if c == "#" and _parsed([*above, last[:k]]))
+    column = next(hashes, len(last))
+    new = f"{lines[0].partition('=')[0]}= {_toml(value)}"
+    if column < len(last):
+        comment = _true_comment(last[column:], _parsed(lines)[key], value)
         new = f"{new:{max(column - 2, 0)}}  {comment}"
     return new.split("\n")
 
@@ -237,7 +233,8 @@ def _change(tables: list[_Table], section: str, values: Mapping[str, Any], note:
     table = next((table for table in tables if table.header == header), None)
     if table is None:
         table = _Table(header, [header])
-        tables[-1].lines.append("")
+        if any(each.lines for each in tables):
+            tables[-1].lines.append("")
         tables.append(table)
     new = []
     if note and section:
@@ -256,7 +253,7 @@ def _change(tables: list[_Table], section: str, values: Mapping[str, Any], note:
                 _change_blocks(tables, blocks, value)
             else:
                 new.append(f"{key} = {_toml(value)}")
-    table.add(new)
+    table.lines[bool(header) : bool(header)] = new
 
 
 def _change_blocks(tables: list[_Table], header: str, values: list[dict[str, Any]]) -> None:
@@ -264,17 +261,18 @@ def _change_blocks(tables: list[_Table], header: str, values: list[dict[str, Any
     blocks = [table for table in tables if table.header == header]
     old = len(blocks)
     for block, value in zip(blocks, values, strict=False):
-        block.add([f"{k} = {_toml(v)}" for k, v in value.items() if not block.change(k, v)])
+        block.lines[1:1] = [f"{k} = {_toml(v)}" for k, v in value.items() if not block.change(k, v)]
     for block in blocks[len(values) :]:
         before, (_, rest) = tables[tables.index(block) - 1], block.split()
-        before.lines += rest[not before.lines[-1] :]  # of two blank lines one
+        double = rest[:1] == [""] and before.lines[-1:] in ([], [""])
+        before.lines += rest[double:]
         tables.remove(block)
-    blocks = blocks or [tables[-1]]
     for value in values[old:]:
-        kept, rest = blocks[-1].split()
+        last = blocks[-1] if blocks else tables[-1]
+        kept, rest = last.split() if blocks else (last.lines, [])
         new = _Table(header, [header, *(f"{k} = {_toml(v)}" for k, v in value.items()), *rest])
-        blocks[-1].lines = [*kept, ""]
-        tables.insert(tables.index(blocks[-1]) + 1, new)
+        last.lines = [*kept, ""]
+        tables.insert(tables.index(last) + 1, new)
         blocks.append(new)
 
 

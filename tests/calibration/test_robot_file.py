@@ -185,6 +185,34 @@ def flat(tree: Any, name: str = "") -> dict[str, Any]:
     }
 
 
+@pytest.mark.parametrize(
+    ("text", "count", "new"),
+    [
+        ("", 0, "[lidar]\nblind_sectors = []\n"),
+        (
+            "[[lidar.blind_sectors]]\ncentre_rad = 0.1\nwidth_rad = 0.2\n# of x\n"
+            "[lidar]\nx_m = 0.2",
+            0,
+            "# of x\n[lidar]\nblind_sectors = []\nx_m = 0.2\n",
+        ),
+        (
+            "[lidar]\nblind_sectors = [\n  {centre_rad = 0.1, width_rad = 0.2},\n]  # all\n",
+            0,
+            "[lidar]\nblind_sectors = []  # all\n",
+        ),
+        (
+            "[lidar]\nx_m = 0.0\n# end\n",
+            1,
+            "[lidar]\nx_m = 0.0\n# end\n\n"
+            "[[lidar.blind_sectors]]\ncentre_rad = 0.5\nwidth_rad = 0.1\n",
+        ),
+    ],
+)
+def test_other_lines_stay_wherever_the_pillars_are(text: str, count: int, new: str) -> None:
+    settings = {"lidar.blind_sectors": [{"centre_rad": 0.5, "width_rad": 0.1}] * count}
+    assert updated(text, settings, "") == new
+
+
 def test_angles_at_their_bound_stay_inside() -> None:
     for angle in (math.pi, -math.pi):
         text = updated(CHEROKEY, {"lidar.heading_rad": angle}, NOTE)
