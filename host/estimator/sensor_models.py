@@ -34,13 +34,13 @@ def clearance_of(
     and for a lidar that only gives positions.
     """
     clearance = np.full(SECTORS, math.inf)
-    farthest_first = (-distance).argsort()
-    index = farthest_first[present.take(farthest_first)]
-    near = distance.take(index)
+    index = present.nonzero()[0]
+    index = index.take((-distance.take(index)).argsort())
+    near = distance.take(index)[:, None]
     # The nearest is written last. Seven rays leave no sector out beyond 0.6 m for a turret.
-    rays = bearing.take(index)[:, None] + (0.5 * width / np.maximum(near, width))[:, None] * _RAYS
+    rays = bearing.take(index)[:, None] + _RAYS * (0.5 * width / np.maximum(near, width))
     place = (rays * (SECTORS / math.tau) + 1.5 * SECTORS).astype(np.int64) % SECTORS
-    clearance[place] = near[:, None]
+    clearance[place] = near
     return clearance
 
 
