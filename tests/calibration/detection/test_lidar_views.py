@@ -126,7 +126,7 @@ def test_a_mounting_that_is_off_is_named_as_the_cause() -> None:
     gathered = lidar_drive("arena4:seconds=20,seed=1")
     lidar = gathered.config.lidar.model_copy(update={"heading_rad": math.radians(5.0)})
     off = scans_only(gathered, gathered.config.model_copy(update={"lidar": lidar}))
-    (failure,) = [f for f in detection.calibrate(off).failures if "beside the truth" in f]
+    (failure,) = [f for f in detection.calibrate(off).failures if "offset of candidates" in f]
     assert "swarmloc calibrate lidar" in failure
 
 
