@@ -1,5 +1,8 @@
 """`swarmloc`: the commands, and how their failures reach the user."""
 
+import errno
+import os
+import sys
 from typing import Any
 
 import click
@@ -36,6 +39,9 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
+        for name in ("stdout", "stderr"):  # closed by the shell, as by >&-
+            if getattr(sys, name) is None:
+                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
         with signals_interrupt():
             return self._invoke(ctx)
 
@@ -51,6 +57,11 @@ class Commands(click.Group):
         except Exception as error:
             if isinstance(error, BrokenPipeError):
                 raise  # click ends quietly where nobody reads on
+            if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
+                where = error.filename or "the output"
+                raise Failure(
+                    f"cannot write {where}\n{error.strerror}\nmake room, or write elsewhere"
+                ) from error
             # The last line of defence: nothing but words reaches the user.
             raise Failure(
                 f"a fault of the program: {type(error).__name__}: {error}\n"

@@ -181,3 +181,18 @@ def test_simulate_needs_no_scenario_and_takes_one(command: str, scenario: str) -
     assert given("--simulate") == given("--simulate", "--robot", "r.toml") == scenario
     assert given("--simulate", "swarm20:seed=2") == given("--simulate=swarm20:seed=2")
     assert given("--simulate", "swarm20:seed=2") == "swarm20:seed=2"
+
+
+@pytest.mark.parametrize("end", ["| head -1", ">&- 2>&-"])
+def test_a_run_whose_screen_is_gone_writes_its_figures(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "figures.json"
+    run = f"{sys.executable} -m host.cli run --simulate arena4 --sensors lidar --view none"
+    done = subprocess.run(
+        f"{run} --seconds 1 --json {path} {end}",
+        shell=True,
+        stderr=subprocess.PIPE,
+        check=False,
+        timeout=60,
+    )
+    assert b"fault of the program" not in done.stderr
+    assert json.loads(path.read_text())["command"] == "run"

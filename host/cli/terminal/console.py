@@ -163,6 +163,7 @@ class Console:
         self._lock = threading.Lock()
         self._terminal = out.isatty() and os.environ.get("TERM") != "dumb"
         self._paint = coloured if self._terminal and not os.environ.get("NO_COLOR") else plain
+        self.gone = False  # whether nothing can be shown any more
         self._opened = False
         self._next_line = self._start + line_s
         self._shown: dict[str, tuple[bool, str]] = {}
@@ -186,15 +187,20 @@ class Console:
             self._state.seconds = now - self._start
             self._measure_pace(now)
             text = self._frame() if self._terminal else self._lines(now)
-        if text:
-            self._out.write(text)
-            self._out.flush()
+        self._write(text)
 
     def close(self) -> None:
         """Give the cursor back, below the last frame."""
         if self._opened and self._terminal:
-            self._out.write(f"{_SHOW_CURSOR}\n")
-            self._out.flush()
+            self._write(f"{_SHOW_CURSOR}\n")
+
+    def _write(self, text: str) -> None:
+        try:
+            if text and not self.gone:
+                self._out.write(text)
+                self._out.flush()
+        except OSError:  # a pipe that nobody reads, a terminal that was closed, a full disk
+            self.gone = True
 
     def _measure_pace(self, now: float) -> None:
         """How much time was measured in each second of the clock, over the last five."""

@@ -100,6 +100,8 @@ def show_run(
 ) -> RunOutcome:
     """Run with the teammates on the screen, until a signal, for `seconds` or until a failure.
 
+    A screen that is gone ends the run in good order, too.
+
     driving: drives the robot meanwhile; the run ends when it is done.
     """
     title = rig.title if record is None else f"{rig.title}   recording {record.name}"
@@ -122,7 +124,7 @@ def show_run(
             {"screen": console, **viewers},
             seconds=seconds,
             record=record,
-            stopped=lambda: signalled() or (driving is not None and driving.done),
+            stopped=lambda: signalled() or console.gone or (driving is not None and driving.done),
             watch=console.draw,
             watch_every_s=FRAME_S,
             driver=driving,
