@@ -88,7 +88,7 @@ class Survey:
             self._number = (self._number + 1) % len(_PROGRAM)  # only ways are lacking
         self._began = now.time, now.pose[2]
         self._moved = now.time
-        self._free = now.pose[2] + roomiest(now)
+        self._free = now.pose[2] + most_open_direction(now)
         self._turning = _PROGRAM[self._number] == "far"
 
     def _is_done(self, now: Situation, began: float, heading: float) -> bool:
@@ -111,7 +111,7 @@ class Survey:
             self._moved = now.time
         stuck = now.time - self._moved > _STUCK_S
         if not self._turning and (stuck or now.nearest(0.0, SIDE / 2) < _BLOCKED_M):
-            self._turning, self._free = True, now.pose[2] + roomiest(now)
+            self._turning, self._free = True, now.pose[2] + most_open_direction(now)
         goal = float(wrap(self._free - now.pose[2]))
         self._turning = self._turning and abs(goal) > _AIM_RAD
         if self._turning:
@@ -135,7 +135,7 @@ def _nearest_mate(now: Situation) -> tuple[float, float]:
     return float(distances.min()), math.atan2(y, x)
 
 
-def roomiest(now: Situation) -> float:
+def most_open_direction(now: Situation) -> float:
     """The bearing (rad) in which the robot can go on farthest; of equal ones the straightest.
 
     Safety lets it drive only away from what it is too near to.

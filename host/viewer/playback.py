@@ -127,7 +127,7 @@ class Playback:
                 self._news.wait(SHOW_S)
             show()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """The replay starts at its first message again."""
         with self._news:
             self._now = self._begin

@@ -27,14 +27,14 @@ from host.pipeline import Now
 from host.viewer.playback import Playback
 
 SCHEMA = "swarmloc.stream/1"
-VALID_S = 0.5  # who hears nothing newer for so long is to take the stream as lost
+VALID_S = 0.5  # without a newer message for this long, the stream is lost
 _SHOWN_S = 1.0  # a scan or bearings older than this are no longer shown
 
 
 class Scene:
     """The newest messages, transformed into the robot frame of one moment.
 
-    Not for several threads: `take` and `tell` belong to the localizer's.
+    Call `take` and `message` in the localizer's thread.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Scene:
         elif isinstance(message, Health):
             self._devices[message.device] = message
 
-    def tell(self, now: Now) -> dict[str, Any]:
+    def message(self, now: Now) -> dict[str, Any]:
         """The message for readers: lengths in m, angles in rad, times in s, all at now."""
         time = now.estimate.time
         path = self._path.extended(time)

@@ -83,7 +83,7 @@ class Viewer(LoopThread):
     def look(self, now: Now) -> None:
         """Send the present state to the readers, if any, in the localizer's thread."""
         if self._channels[_STREAM].wanted:
-            self._send(_STREAM, _json(self._scene.tell(now)))
+            self._send(_STREAM, _json(self._scene.message(now)))
 
     def show(self, jpeg: bytes, seen: Bearings) -> None:
         """Hand on a camera's picture and what was found in it, in the camera's thread.

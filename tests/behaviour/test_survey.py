@@ -3,7 +3,7 @@
 import numpy as np
 
 from host.behaviour.interface import Command
-from host.behaviour.survey import LEAST_WAY_M, Survey, roomiest
+from host.behaviour.survey import LEAST_WAY_M, Survey, most_open_direction
 from host.geometry import wrap
 from tests.behaviour.situations import situation, wall
 from tests.behaviour.unicycle import led
@@ -38,6 +38,6 @@ def test_it_goes_for_the_nearest_teammate_and_stops_in_front_of_it() -> None:
     assert survey._number == 2
 
 
-def test_the_roomiest_way_leads_off_a_wall() -> None:
-    assert abs(wrap(roomiest(situation(wall(0.4, 0.5))) - 0.5)) > 1.5
-    assert roomiest(situation()) == 0.0
+def test_the_most_open_direction_leads_off_a_wall() -> None:
+    assert abs(wrap(most_open_direction(situation(wall(0.4, 0.5))) - 0.5)) > 1.5
+    assert most_open_direction(situation()) == 0.0

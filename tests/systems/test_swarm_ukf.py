@@ -8,7 +8,7 @@ from host.geometry import Path, to_frame
 from host.messages import Displacement, Positions
 from host.recording.elsewhere.mrclam import load_dataset
 from host.systems.swarm_ukf.infrared import fit_infrared, read_infrared
-from host.systems.swarm_ukf.joint_map import JointMap, Reading, laid_on_truth
+from host.systems.swarm_ukf.joint_map import JointMap, Reading, aligned_with_truth
 from host.systems.swarm_ukf.mrclam_swarm import mrclam_score
 from host.systems.swarm_ukf.scoring import laid
 from host.systems.swarm_ukf.simulated import SimulatedSwarm, SwarmScenario, simulated_score
@@ -71,7 +71,7 @@ def test_what_is_left_is_what_kabsch_leaves(seed):
     poses = random.normal(0.0, 1.0, (6, 3))
     error = 1e-5 * random.normal(size=(6, 3))
     left = laid(poses + error, poses) - poses
-    assert laid_on_truth(poses) @ error.ravel() == pytest.approx(left.ravel(), abs=1e-8)
+    assert aligned_with_truth(poses) @ error.ravel() == pytest.approx(left.ravel(), abs=1e-8)
     fit = align((poses + error)[:, :2], poses[:, :2])
     assert laid(poses + error, poses)[:, :2] == pytest.approx(fit.apply((poses + error)[:, :2]))
 

@@ -97,7 +97,7 @@ def test_back_it_begins_anew_and_goes_there_at_once() -> None:
     replay.playback.command("seek", 12.04)  # between two messages
     with pytest.raises(SeekBackError):
         replay.to(15.1)
-    replay.playback.begin_anew()
+    replay.playback.restart()
     assert replay.to(12.0) == 0.0
     assert replay.to(13.0) == pytest.approx(1.0, abs=0.11)
 
@@ -116,7 +116,7 @@ def test_at_the_end_it_rests_until_it_is_played_again() -> None:
 
     with pytest.raises(SeekBackError):
         replay.playback.rest(play)
-    replay.playback.begin_anew()
+    replay.playback.restart()
     assert replay.to(11.0) == pytest.approx(1.0)
 
 

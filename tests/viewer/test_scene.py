@@ -29,7 +29,7 @@ def test_what_was_seen_before_a_turn_stands_where_it_is_after_it() -> None:
     scene.take(scenes.candidates(1.0, (1.0, 0.0)))
     scene.take(scenes.bearings(1.0, 0.0))
     scene.take(scenes.a_step(1.2, dpsi=math.pi / 2))
-    told = scene.tell(scenes.now(1.2))
+    told = scene.message(scenes.now(1.2))
     lidar = RobotConfig().lidar
     assert (lidar.x_m, lidar.y_m) == (0.0, 0.0)
     ahead, beside = told["scan"]
@@ -47,7 +47,7 @@ def test_what_is_old_is_not_shown() -> None:
     scene.take(scenes.a_scan(1.0, (1.0, 0.0)))
     scene.take(scenes.candidates(1.0, (1.0, 0.0)))
     scene.take(scenes.bearings(1.0, 0.0))
-    told = scene.tell(scenes.now(3.0))
+    told = scene.message(scenes.now(3.0))
     assert told["scan"] == told["candidates"] == told["bearings"] == []
 
 
@@ -58,12 +58,12 @@ def test_messages_of_a_whole_run_are_as_the_schema_says() -> None:
     for message in run.messages:
         scene.take(message)
         if isinstance(message, Scan):
-            told = scene.tell(Now(last, message.time))
+            told = scene.message(Now(last, message.time))
             SCHEMA.validate(json.loads(json.dumps(told, allow_nan=False)))
     assert told["scan"]
     assert told["bearings"]
     scene.take(scenes.health(ok=False))
-    SCHEMA.validate(scene.tell(scenes.now(last.time, (1.0, 2.0), truth=True)))
+    SCHEMA.validate(scene.message(scenes.now(last.time, (1.0, 2.0), truth=True)))
 
 
 @given(st.floats(0.001, 1.0), st.floats(0.001, 1.0), st.floats(-math.pi / 2, math.pi / 2))
@@ -78,7 +78,7 @@ def test_the_ellipse_is_that_of_the_covariance(a: float, b: float, angle: float)
 
 
 def test_what_no_number_is_becomes_null() -> None:
-    told = scenes.a_scene().tell(Now(scenes.an_estimate(1.0), -math.inf))
+    told = scenes.a_scene().message(Now(scenes.an_estimate(1.0), -math.inf))
     assert told["measured"] is None
     json.dumps(told, allow_nan=False)
 
@@ -94,4 +94,4 @@ def test_every_kind_of_message_may_come() -> None:
         scenes.health(),
     ):
         scene.take(message)
-    SCHEMA.validate(scene.tell(scenes.now(1.0)))
+    SCHEMA.validate(scene.message(scenes.now(1.0)))

@@ -105,7 +105,7 @@ def cycles(firmware: Firmware, edges: int) -> dict[str, dict[str, int]]:
     return {
         **figures,
         "loop": {"worst": passes.worst_cycles, "count": passes.count},
-        "interrupts off": {"worst": board.deafness[0], "count": 1},
+        "interrupts off": {"worst": board.interrupts_off[0], "count": 1},
     }
 
 

@@ -136,7 +136,7 @@ def play(
                     return replayed
                 playback.rest(player.show)
             except SeekBackError:
-                playback.begin_anew()
+                playback.restart()
                 if viewer is not None:
                     viewer.clear()
             except EndedError:

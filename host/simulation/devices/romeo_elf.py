@@ -12,7 +12,7 @@ from host.simulation.devices.romeo_figures import (
     InterruptTime,
     PassTime,
     interrupts,
-    longest_deafness,
+    longest_interrupts_off,
     passes,
 )
 
@@ -285,9 +285,9 @@ class RomeoElf:
         return passes(self._library, self._board)
 
     @property
-    def deafness(self) -> tuple[int, int]:
+    def interrupts_off(self) -> tuple[int, int]:
         """While a place is watched: most cycles with interrupts off, and their byte address."""
-        return longest_deafness(self._library, self._board)
+        return longest_interrupts_off(self._library, self._board)
 
     def clear_figures(self) -> None:
         """Forget the figures of interrupts and passes, as after the start or the enumeration."""

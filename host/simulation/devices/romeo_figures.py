@@ -54,7 +54,7 @@ def passes(library: ctypes.CDLL, board: ctypes.c_void_p) -> PassTime:
     return PassTime(*figures)
 
 
-def longest_deafness(library: ctypes.CDLL, board: ctypes.c_void_p) -> tuple[int, int]:
+def longest_interrupts_off(library: ctypes.CDLL, board: ctypes.c_void_p) -> tuple[int, int]:
     """The longest time with interrupts off (cycles), and where in flash (byte address) it began."""
     figures = (ctypes.c_uint64 * 2)()
     library.romeo_deaf(board, figures)

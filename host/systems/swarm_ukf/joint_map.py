@@ -80,7 +80,7 @@ class JointMap:
     def covariance(self) -> FloatArray:
         """(3n, 3n) of the poses, once the swarm is laid on the truth."""
         own = self._covariance[np.ix_(self._pose_rows, self._pose_rows)]
-        remains = laid_on_truth(self.poses)
+        remains = aligned_with_truth(self.poses)
         return np.asarray(remains @ own @ remains.T)
 
     def predict(self, robot: int, step: Displacement) -> None:
@@ -143,12 +143,12 @@ class JointMap:
         if self._exact:
             return
         remains = np.eye(len(self._state))
-        remains[np.ix_(self._pose_rows, self._pose_rows)] = laid_on_truth(self.poses)
+        remains[np.ix_(self._pose_rows, self._pose_rows)] = aligned_with_truth(self.poses)
         laid = remains @ self._covariance @ remains.T
         self._covariance = (laid + laid.T) / 2.0
 
 
-def laid_on_truth(poses: FloatArray) -> FloatArray:
+def aligned_with_truth(poses: FloatArray) -> FloatArray:
     """(3n, 3n): errors of poses (n, 3) to those left once the positions are laid on the truth.
 
     The first order of Kabsch's alignment: the mean shift is taken away, and the rotation about the

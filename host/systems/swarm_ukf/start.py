@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize
 
 from host.geometry import Path, rotation, to_frame, to_parent
 from host.messages import Displacement, FloatArray
-from host.systems.swarm_ukf.joint_map import Reading, laid_on_truth
+from host.systems.swarm_ukf.joint_map import Reading, aligned_with_truth
 
 MOST_SIGMA_M = 0.5  # worse known, a robot counts as not observable
 _MOST_COST = 4.0  # robust, a degree of freedom: above it the readings contradict each other
@@ -132,7 +132,7 @@ class CarriedReadings:
         if values[_FREE] < _NO_INFORMATION * values[-1]:
             return None
         held = vectors[:, _FREE:] / np.sqrt(values[_FREE:])
-        remains = laid_on_truth(poses) @ held
+        remains = aligned_with_truth(poses) @ held
         return np.asarray(remains @ remains.T)
 
     def residuals(self, flat: FloatArray) -> FloatArray:
