@@ -26,6 +26,8 @@ _ABSURD = 5.0  # times the 90 % percentile of rotations
 _FITS, _FAILS = 0.85, 0.6  # share of the squared rotation that is explained
 _FACTORS = (0.2, 5.0)  # by which the geometry may be off
 _LEAST_EXCHANGED = 0.1  # of the windows
+_EDGE_WINDOWS = 5  # at an exchange, in which a body jumps from one robot to the other
+_LEAST_CHANGE = 1.3  # of what a wheel counts for the same way
 _DEAD_S, _SILENT_M, _DRIVES_M = 6.0, 0.001, 0.04  # of a wheel, in a window
 _SETTINGS = "left_encoder_reversed, right_encoder_reversed in [motors] of robot.toml"
 # What becomes of the ways of the left and the right wheel, and what that says.
@@ -72,9 +74,11 @@ def check_identity(
     best = max(explained, key=lambda number: explained[number])
     other = best if explained[best] >= _FITS and best != mocap.body else None
     _check_dead(moved, own, turned)
-    _check_still(moved, own, mocap.body, other)
     if explained[mocap.body] < _FITS:
         _check_exchanged(moved, turned, mocap.body)
+    _check_still(moved, own, mocap.body, other)
+    if explained[mocap.body] < _FITS and other is None:
+        _check_counting(moved, own)
     if explained[mocap.body] < _FAILS:
         if other is not None:
             raise _other_body(mocap.body, other)
@@ -156,15 +160,20 @@ def _longest(chosen: BoolArray) -> tuple[int, int]:
 
 
 def _check_still(moved: _Moved, own: FloatArray, body: int, other: int | None) -> None:
-    way = float(np.abs(moved.ways).mean(axis=1).sum()) * _STRIDE_S / _WINDOW_S
+    """Raise where the body stands still, from some time on, while the wheels drive."""
+    driven = np.abs(moved.ways).mean(axis=1)
     still = (np.hypot(own[:, 0], own[:, 1]) < _STILL_M) & (np.abs(own[:, 2]) < _STILL_RAD)
-    if way < _DRIVEN_M or np.mean(still[np.isfinite(own[:, 2])]) < 0.95:
+    length, begin = _longest(still & (driven > _STILL_M))
+    way = float(driven[begin : begin + length].sum()) * _STRIDE_S / _WINDOW_S
+    if way < _DRIVEN_M:
         return
     if other is not None:
         raise _other_body(body, other)
     raise UserError(
-        f"body {body} stands still while the wheels drive {way:.1f} m",
-        "motion capture takes something else for this robot, or its wheels run in the air",
+        f"body {body} stands still while the wheels drive {way:.1f} m, from "
+        f"{moved.starts[begin]:.1f} s on",
+        "motion capture takes something else for this robot or repeats its last pose, or the "
+        "wheels run in the air",
         "set body in [mocap] of robot.toml to the number of the body on this robot",
     )
 
@@ -185,24 +194,59 @@ def _check_exchanged(moved: _Moved, turned: FloatArray, body: int) -> None:
         if number == body or np.count_nonzero(known) < _LEAST_WINDOWS:
             continue
         ours, theirs, wheels = own[known], rows[known, 2], turned[known]
-        nearer = np.abs(theirs - wheels) - np.abs(ours - wheels)
-        smooth = np.convolve(np.sign(nearer), np.ones(9), "same") < 0.0
-        share = float(np.mean(smooth))
-        edge = np.convolve(np.abs(np.diff(smooth, prepend=smooth[0])), np.ones(11), "same") > 0.0
-        spliced = np.where(edge, math.nan, np.where(smooth, theirs, ours))
-        if (
-            _LEAST_EXCHANGED < share < 1.0 - _LEAST_EXCHANGED
-            and _explained(wheels, spliced) >= _FITS
+        begin, end = _nearer(theirs, ours, wheels)
+        row = np.arange(len(wheels))
+        inside = (row >= begin) & (row < end)
+        clear = np.abs(row[:, None] - (begin - 0.5, end - 0.5)).min(axis=1) > _EDGE_WINDOWS
+        if all(
+            np.mean(part) > _LEAST_EXCHANGED and _explained(wheels[part], rotated[part]) >= _FITS
+            for part, rotated in ((inside & clear, theirs), (~inside & clear, ours))
         ):
-            sides = np.cumsum(np.where(smooth, 1.0, -1.0))
-            when = int(np.argmax(np.abs(2.0 * sides - sides[-1])))
-            first = moved.starts[known][when] + 0.5 * _WINDOW_S
+            first = moved.starts[known][begin or end] + 0.5 * _WINDOW_S
             raise UserError(
                 f"bodies {body} and {number} change places at about {first:.1f} s",
                 "before, one of them moves as these wheels do, and afterwards the other",
                 "give the bodies marker patterns that differ, and record again; or use what is "
                 "before and after as two recordings",
             )
+
+
+def _check_counting(moved: _Moved, own: FloatArray) -> None:
+    """Raise where a wheel counts more or less for the same way from some time on."""
+    whole = np.abs(moved.ways).max(axis=1)
+    known = np.isfinite(own[:, 2]) & (whole <= _ABSURD * np.percentile(whole, 90.0))
+    ways, rotation, starts = moved.ways[known], own[known, 2], moved.starts[known]
+    least = max(_LEAST_WINDOWS, len(ways) // 5)
+    if len(ways) < 2 * least:
+        return
+    splits = [
+        [np.linalg.lstsq(ways[part], rotation[part], rcond=None) for part in parts]
+        for parts in ((slice(k), slice(k, None)) for k in range(least, len(ways) - least))
+    ]
+    left = [sum(float(fit[1].sum()) for fit in fits) for fits in splits]
+    at = int(np.argmin(left))
+    before, after = (fit[0] for fit in splits[at])
+    ratios = before / after
+    wheel = int(np.argmax(np.where(ratios < 0.0, math.inf, np.abs(np.log(np.abs(ratios))))))
+    if 1.0 - left[at] / max(float(rotation @ rotation), 1e-12) < _FITS or (
+        1.0 / _LEAST_CHANGE < ratios[wheel] < _LEAST_CHANGE
+    ):
+        return
+    side = ("left", "right")[wheel]
+    when = starts[at + least] + 0.5 * _WINDOW_S
+    raise UserError(
+        f"from {when:.0f} s on the {side} encoder counts {ratios[wheel]:.2g} times as much for the "
+        "same way as before",
+        "it loses counts or its direction, as by a loose plug, or the wheel slips",
+        f"check the {side} encoder's plug, supply and channels with tools/try_wheels.py",
+    )
+
+
+def _nearer(theirs: FloatArray, ours: FloatArray, wheels: FloatArray) -> tuple[int, int]:
+    """Begin and end of the windows in which `theirs` (w,) is nearest to `wheels` against `ours`."""
+    gain = np.cumsum([0.0, *((ours - wheels) ** 2 - (theirs - wheels) ** 2)])
+    end = int(np.argmax(gain - np.minimum.accumulate(gain)))
+    return int(np.argmin(gain[: end + 1])), end
 
 
 def _check_wiring(moved: _Moved, own: FloatArray, wheels: Wheels, mocap: Mocap) -> None:

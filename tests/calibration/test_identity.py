@@ -105,6 +105,34 @@ def test_bodies_that_change_places_are_named_with_when():
         check(body=2, b1=spliced(mine, theirs), b2=spliced(theirs, mine))
 
 
+def changed(wheel, factor):
+    steps = np.diff(TICKS, axis=0, prepend=TICKS[:1]).astype(float)
+    steps[HALF:, wheel] *= factor
+    return np.cumsum(steps, axis=0).astype(np.int64)
+
+
+@pytest.mark.parametrize(
+    ("wheel", "factor", "words"),
+    [
+        (0, 0.5, r"from (29|30|31) s on the left encoder counts 0\.[45]"),
+        (1, 0.5, r"from (29|30|31) s on the right encoder counts 0\.[45]"),
+        (0, -1.0, r"from (29|30|31) s on the left encoder counts -(1|0\.9)"),
+    ],
+)
+def test_an_encoder_that_counts_otherwise_from_some_time_on_is_named(wheel, factor, words):
+    with pytest.raises(UserError, match=words):
+        check(changed(wheel, factor))
+
+
+def test_a_body_that_freezes_is_not_one_that_changes_places():
+    frozen = spliced(PATHS[1], PATHS[1][[HALF] * len(TIMES)])
+    with pytest.raises(UserError, match=r"body 1 stands still .* m, from (29|30)\.\d s on"):
+        check(b1=frozen)
+    mine, theirs = spliced(STILL, PATHS[1]), spliced(PATHS[1], STILL)
+    with pytest.raises(UserError, match="bodies 1 and 4 change places"):
+        check(b1=mine, b4=theirs)
+
+
 def test_what_cannot_be_judged_passes():
     check_identity(TIMES[:0], TICKS[:0], {1: (TIMES, PATHS[1])}, CONFIGURED, Mocap())
     check_identity(TIMES, TICKS, {2: (TIMES, PATHS[2])}, CONFIGURED, Mocap())
