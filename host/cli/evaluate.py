@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli import completion, options
 from host.cli.terminal.table import systems_table, table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
@@ -42,9 +42,16 @@ Examples:
   swarmloc evaluate mrclam:MRCLAM_Dataset6,landmarks=drop --systems all
   swarmloc evaluate swarm:robots=20,seed=1""",
 )
-@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.argument(
+    "sources",
+    nargs=-1,
+    required=True,
+    shell_complete=completion.sources,
+    metavar="SOURCE...",
+)
 @click.option(
     "--filters",
+    shell_complete=completion.filters,
     default="perera2021,phd,pmb,clairvoyant",
     show_default=True,
     help=f"Filters to score: {', '.join(FILTERS.names())}.",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli import completion, options
 from host.recording.log import SUFFIX
 from host.sessions.recordings.exporting import export
 from host.sessions.robot import robot_configuration
@@ -20,7 +20,7 @@ Examples:
   swarmloc export bag:hall.bag,scan=/scan hall{SUFFIX} --robot robot.toml
   swarmloc export bag:hall/,own=/a/pose,others=/b/pose+/c/pose hall{SUFFIX}""",
 )
-@click.argument("source")
+@click.argument("source", shell_complete=completion.sources)
 @click.argument("output", type=click.Path(path_type=Path))
 @options.robot_or_recordings_option
 @options.json_option

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import cv2
 
-from host.cli import options
+from host.cli import completion, options
 from host.registry import FILTERS
 from host.sessions.offline.mapping import map_source
 from host.sessions.robot import robot_configuration
@@ -19,7 +19,7 @@ Examples:
   swarmloc map today.mcap room.png
   swarmloc map arena4:seed=1,seconds=60,standing=1 room.png""",
 )
-@click.argument("source")
+@click.argument("source", shell_complete=completion.sources)
 @click.argument("output", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--filter",

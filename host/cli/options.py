@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import click
 
+from host.cli import completion
 from host.errors import UserError
 from host.recording.elsewhere.named_columns import units_of
 from host.registry import FILTERS
@@ -40,6 +41,7 @@ def simulate_option(what: str, scenario: str = "arena4") -> Callable[[AnyCommand
     return click.option(
         "--simulate",
         "scenario",
+        shell_complete=completion.scenarios,
         metavar="[SCENARIO]",
         is_flag=False,
         flag_value=scenario,
@@ -51,6 +53,7 @@ robot_or_recordings_option = _robot_option("the recording's, else built-in setti
 filter_option = click.option(
     "--filter",
     "filter_name",
+    shell_complete=completion.filters,
     callback=lambda context, option, name: name and several(name, FILTERS.names(), "--filter")[0],
     metavar="NAME",
     help=f"Filter to use: {', '.join(FILTERS.names())}.  [default: robot.toml's]",

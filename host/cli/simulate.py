@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli import completion, options
 from host.recording.log import SUFFIX
 from host.sessions.recordings.simulating import simulate_to_recording
 from host.sessions.robot import robot_configuration
@@ -18,7 +18,7 @@ Example:
   swarmloc simulate arena4:seconds=60,seed=1 --output arena{SUFFIX}
   swarmloc replay arena{SUFFIX}""",
 )
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=completion.scenarios)
 @click.option(
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),

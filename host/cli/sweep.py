@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli import completion, options
 from host.cli.terminal.table import parts
 from host.errors import UserError
 from host.experiments import trials
@@ -61,12 +61,19 @@ Examples:
       --set filter.forget_weight=0.1,0.2 --set filter.pmb.speed_mps=0.15,0.2
   swarmloc sweep arena4 --seeds 1-100 --scheduler tcp://192.168.0.7:8786""",
 )
-@click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
+@click.argument(
+    "sources",
+    nargs=-1,
+    required=True,
+    shell_complete=completion.sources,
+    metavar="SOURCE...",
+)
 @click.option(
     "--seeds", default="", callback=_numbers, help="Seeds of each scenario, e.g. 21-30 or 1,5,9."
 )
 @click.option(
     "--filters",
+    shell_complete=completion.filters,
     default="phd,clairvoyant",
     show_default=True,
     help=f"Filters to score: {', '.join(FILTERS.names())}.",

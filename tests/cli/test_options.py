@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from host.cli import options
@@ -196,3 +197,20 @@ def test_a_run_whose_screen_is_gone_writes_its_figures(tmp_path: Path, end: str)
     )
     assert b"fault of the program" not in done.stderr
     assert json.loads(path.read_text())["command"] == "run"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text", "words"),
+    [
+        (["run", "--simulate"], "are", ["arena4"]),
+        (["simulate"], "arena4:seco", ["arena4:seconds="]),
+        (["simulate"], "arena4:seed=1,seco", ["arena4:seed=1,seconds="]),
+        (["evaluate"], "swarm", ["swarm20"]),
+        (["evaluate", "--filters"], "phd,pm", ["phd,pmb"]),
+        (["replay", "--filter"], "las", ["last_reading"]),
+        (["export"], "today.m", ["today.m"]),
+    ],
+)
+def test_names_are_completed(arguments: list[str], text: str, words: list[str]) -> None:
+    found = ShellComplete(main, {}, "swarmloc", "_X").get_completions(arguments, text)
+    assert [item.value for item in found] == words
