@@ -4,8 +4,8 @@
 
 Offline, in closed loop on the firmware with the motor model: misbuilt=1 has wheels 2 % and a track
 5 % off, 2.5 has 5 % and 12.5 %. Without slip, which alone scatters squares by centimetres. A square
-of 1 m each way, and what UMBmark makes of it; a drive to calibrate by, and its fit of wheels and
-tracked body; the squares again under either correction.
+of 1 m each way, and what UMBmark makes of it; a drive to calibrate by, and its fit of the wheels;
+the squares again under either correction. The tracked body is known.
 """
 
 import click
@@ -24,6 +24,7 @@ from host.sessions.offline.swarming import Swarm
 from host.simulation.devices.board import best_board
 from host.simulation.offline import OBSERVER
 from host.simulation.world.arena import ARENA_STEP_S
+from host.simulation.world.built import built
 from host.simulation.world.scenarios import parse_scenario
 from tools.drive_calibration import MOST_S, missing
 
@@ -77,7 +78,8 @@ def with_fit(robot: RobotConfig, misbuilt: str) -> RobotConfig:
 def main(all_misbuilt: str) -> None:
     """Print the systematic error of each, mm."""
     for misbuilt in all_misbuilt.split(","):
-        robot = RobotConfig()
+        true = built(RobotConfig(), parse_scenario(SCENARIO.format(misbuilt)))
+        robot = RobotConfig(mocap=true.mocap)  # where the tracked body is was calibrated before
         before = squares(robot, misbuilt)
         click.echo(f"misbuilt {misbuilt}: {1e3 * before.systematic_m:.0f} mm")
         after = squares(with_wheels(robot, before), misbuilt)

@@ -3,7 +3,7 @@
 Borenstein & Feng 1996, "Measurement and correction of systematic odometry errors in mobile robots",
 IEEE Transactions on Robotics and Automation 12(6). The measures and names are its own; its closed
 forms of both angles, x_cw = -2 L (alpha + beta) and x_ccw = -2 L (alpha - beta), hold for small
-ones and are where the exact solution starts.
+ones; here the angles are solved exactly, from the best of a grid of starts.
 """
 
 import math
@@ -14,6 +14,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from host.messages import FloatArray
+
+# Angles (alpha, beta), rad, at which the solution may start.
+_STARTS = np.stack(
+    np.meshgrid(np.linspace(-0.4, 0.4, 17), np.linspace(-0.9, 0.9, 37)), axis=-1
+).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +50,14 @@ def umbmark(cw: FloatArray, ccw: FloatArray, side_m: float, track_m: float) -> U
     centre_cw, centre_ccw = np.mean(cw, axis=0), np.mean(ccw, axis=0)
     about = np.concatenate((cw - centre_cw, ccw - centre_ccw))
     freedom = max(len(about) - 2, 1)
-    start = (
-        (centre_cw[0] + centre_ccw[0]) / (-4.0 * side_m),
-        (centre_cw[0] - centre_ccw[0]) / (-4.0 * side_m),
-    )
     measured = np.concatenate((centre_cw, centre_ccw))
-    alpha, beta = least_squares(lambda both: returned(both[0], both[1], side_m) - measured, start).x
+
+    def missed(both: FloatArray) -> FloatArray:
+        return returned(both[0], both[1], side_m) - measured
+
+    # Of wheels that are far off there are other, worse minima.
+    nearest = min(_STARTS, key=lambda both: float(np.sum(missed(both) ** 2)))
+    alpha, beta = least_squares(missed, nearest).x
     return Umbmark(
         (float(centre_cw[0]), float(centre_cw[1])),
         (float(centre_ccw[0]), float(centre_ccw[1])),

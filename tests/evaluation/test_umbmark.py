@@ -17,6 +17,16 @@ def test_small_errors_follow_the_papers_closed_forms(alpha: float, beta: float) 
     assert ccw_x == pytest.approx(-2.0 * SIDE * (alpha - beta), abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("alpha", "beta"), [(0.17, 0.6), (0.1, 0.3), (-0.2, 0.6), (0.3, -0.8), (0.05, -0.4), (0.0, 0.0)]
+)
+def test_large_errors_are_solved_exactly(alpha: float, beta: float) -> None:
+    """The robot ends 3 m from its start, where other angles nearly explain the same."""
+    ends = returned(alpha, beta, SIDE)
+    found = umbmark(ends[None, :2], ends[None, 2:], SIDE, TRACK)
+    assert (found.alpha_rad, found.beta_rad) == pytest.approx((alpha, beta), abs=1e-6)
+
+
 def believed_square(left: float, right: float, track: float, sign: float) -> tuple[float, float]:
     """Where a robot ends with such true radii and track (shares of the nominal), by small steps."""
     x = y = heading = 0.0
