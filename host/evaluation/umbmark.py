@@ -53,7 +53,8 @@ def umbmark(cw: FloatArray, ccw: FloatArray, side_m: float, track_m: float) -> U
     measured = np.concatenate((centre_cw, centre_ccw))
 
     def missed(both: FloatArray) -> FloatArray:
-        return returned(both[0], both[1], side_m) - measured
+        error: FloatArray = returned(float(both[0]), float(both[1]), side_m) - measured
+        return error
 
     # Of wheels that are far off there are other, worse minima.
     nearest = min(_STARTS, key=lambda both: float(np.sum(missed(both) ** 2)))
