@@ -191,7 +191,7 @@ function tell() {
   const devices = JSON.stringify(scene.devices.map(({name, ok, reason}) => [name, ok, reason]));
   if (at("devices").dataset.told !== devices) at("devices").replaceChildren(...scene.devices.flatMap(({name, ok, reason}) => {
     const term = document.createElement("dt"), detail = document.createElement("dd");
-    term.textContent = name; detail.textContent = (ok ? "ok: " : "DOWN: ") + reason.trim().split("\n").join("; ");
+    term.textContent = name; detail.textContent = (ok ? "ok: " : "FAIL: ") + reason.trim().split("\n").join("; ");
     detail.className = ok ? "" : "bad";
     return [term, detail];
   }));

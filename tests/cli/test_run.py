@@ -69,7 +69,7 @@ def test_a_run_that_is_starved_says_so_instead_of_blaming_devices_and_goes_on(on
         screen.send(signal.SIGCONT)
         time.sleep(0.1)
     screen.wait_for(lambda text: "this computer is too slow: swarmloc was paused" in text)
-    screen.wait_for(lambda text: running.search(text) and "localizer DOWN" not in text)
+    screen.wait_for(lambda text: running.search(text) and "localizer FAIL" not in text)
     for words in ("check the", "check its", "unplugged", "another model", "cable"):
         assert words not in screen.written
     screen.type(b"\x03")
@@ -81,7 +81,7 @@ def test_a_lidar_pulled_out_comes_back(tmp_path):
     # Late enough that the lidar runs by then, on a busy computer, too.
     absent = ["--unplug", "lidar=10-10.5", "--seconds", "60"]
     arguments = [*absent, "--json", str(figures_path)]
-    wanted = ["lidar ok: scanning", "lidar DOWN: the connection was lost", "lidar ok: scanning"]
+    wanted = ["lidar ok: scanning", "lidar FAIL: the connection was lost", "lidar ok: scanning"]
     lines = []
     with subprocess.Popen(
         [*COMMAND, "run", "--simulate", "arena4", *arguments],
@@ -222,8 +222,8 @@ def test_without_devices_it_goes_on_and_says_what_is_missing(tmp_path: Path):
     robot.write_text('[lidar]\nport = "/dev/no-lidar"\n[board]\nport = "/dev/no-board"\n')
     done = invoke("--robot", str(robot), "--seconds", "0.6")
     assert done.exit_code == 1
-    assert "lidar DOWN: cannot open /dev/no-lidar; no such device" in done.output
-    assert "board DOWN: cannot open /dev/no-board; no such device" in done.output
+    assert "lidar FAIL: cannot open /dev/no-lidar; no such device" in done.output
+    assert "board FAIL: cannot open /dev/no-board; no such device" in done.output
     assert "Summary" in done.stdout
     what, why, next_step = done.stderr.splitlines()
     assert what == "swarmloc: nothing was measured"

@@ -87,7 +87,7 @@ def test_it_says_in_words_what_it_draws(served, browser):
     assert rows[0] == ["1", "1.12", "27", "30", "0.90", "0.1", "0"]
     assert rows[1][:3] == ["2", "2.00", "-90"]
     said = browser.driver.execute_script("return document.getElementById('devices').textContent")
-    assert said == "lidarDOWN: scanning"
+    assert said == "lidarFAIL: scanning"
     assert browser.driver.find_element("id", "state").text == "live"
 
 

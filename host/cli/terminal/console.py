@@ -92,7 +92,7 @@ def line(state: State) -> str:
     parts = [f"{state.seconds:7.1f} s", _tally(state)]
     if state.silent_s > _SILENT_S:
         parts.append(f"nothing measured for {state.silent_s:.1f} s")
-    parts += [f"{name} DOWN" for name, health in state.devices.items() if not health.ok]
+    parts += [f"{name} FAIL" for name, health in state.devices.items() if not health.ok]
     return "  ".join(parts)
 
 
@@ -134,7 +134,7 @@ def _devices(state: State, width: int, paint: Paint) -> list[str]:
     lines = []
     indent = max(map(len, state.devices), default=0) + 2
     for name, health in state.devices.items():
-        mark = paint("ok  ", "green") if health.ok else paint("DOWN", "red")
+        mark = paint("ok  ", "green") if health.ok else paint("FAIL", "red")
         reason = textwrap.wrap(one_line(health.reason), max(20, width - indent - 6)) or [""]
         lines.append(f"{name:{indent}}{mark}  {reason[0]}")
         lines += [" " * (indent + 6) + more for more in reason[1:]]
@@ -232,7 +232,7 @@ class Console:
             state = (health.ok, "" if health.ok else health.reason)
             if self._shown.get(name) != state:
                 self._shown[name] = state
-                word, reason = "ok" if health.ok else "DOWN", one_line(health.reason)
+                word, reason = "ok" if health.ok else "FAIL", one_line(health.reason)
                 lines.append(f"{self._state.seconds:7.1f} s  {name} {word}: {reason}\n")
         if now >= self._next_line:
             self._next_line = now + self._line_s  # a standstill is not made up for

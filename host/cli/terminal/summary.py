@@ -98,7 +98,7 @@ def _device(device: Mapping[str, Any]) -> str:
     counts = ", ".join(_count(name, value) for name, value in device["counts"].items() if value)
     if device["ok"]:
         return counts or one_line(device["reason"])
-    return f"DOWN: {one_line(device['reason'])}" + (f" ({counts})" if counts else "")
+    return f"FAIL: {one_line(device['reason'])}" + (f" ({counts})" if counts else "")
 
 
 def _count(name: str, value: int) -> str:

@@ -140,7 +140,7 @@ def test_everything_fits_and_no_word_of_a_reason_is_lost(width):
     lines = frame(state, width)
     assert max(map(len, lines)) <= min(width, 100)
     told = " ".join(" ".join(lines[-5:]).split())
-    assert "lidar DOWN " + "; ".join(LONG_REASON.splitlines()).strip() in told
+    assert "lidar FAIL " + "; ".join(LONG_REASON.splitlines()).strip() in told
 
 
 def test_before_the_first_estimate_it_says_so():
@@ -225,7 +225,7 @@ def test_elsewhere_it_is_a_line_a_second_and_one_a_change():
     assert out.take() == "    1.0 s  1 teammate\n"
     drawn.take(Health(1.0, "lidar", False, "gone\nplug it in", {}))
     drawn.draw()
-    assert out.take() == "    1.0 s  lidar DOWN: gone; plug it in\n"
+    assert out.take() == "    1.0 s  lidar FAIL: gone; plug it in\n"
     drawn.close()
     assert out.take() == ""
 

@@ -17,7 +17,7 @@ def test_a_summary_has_counts_or_the_reason_there_are_none():
         "time": "3.0 s",
         "updates": "none: nothing was measured",
         "lidar": "7 revolutions",
-        "board": "DOWN: not found; plug it in",
+        "board": "FAIL: not found; plug it in",
     }
 
 
@@ -118,4 +118,4 @@ def test_counts_of_devices_are_words_and_one_is_singular():
     lost = {"ok": False, "reason": "it is gone", "counts": {"connections": 2}}
     lines = told({**RUN, "devices": {"lidar": device, "board": lost}})
     assert lines["lidar"] == "1 reply, 1 packet, 1 point lost, 2 revolutions, 3 late, 4 ms busy"
-    assert lines["board"] == "DOWN: it is gone (2 connections)"
+    assert lines["board"] == "FAIL: it is gone (2 connections)"
