@@ -330,6 +330,13 @@ def test_a_narrow_table_has_every_cell_once_in_lines_that_fit(left, widths, colu
     assert "".join(line[left:] for line in lines[1::2]) == "".join(cells[1])
 
 
+def test_a_row_of_which_no_column_fits_is_a_paragraph():
+    lines = parts(
+        ["name     sensors", "robot    lidar"], [[" GOSPA m", " ms"], ["   0.12", "  3"]], 20
+    )
+    assert lines == ["  robot lidar", "    GOSPA m 0.12,", "    ms 3"]
+
+
 def test_columns_are_those_of_the_environment_where_there_is_no_terminal(monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     assert options.columns() == math.inf
