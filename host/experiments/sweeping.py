@@ -96,7 +96,8 @@ def _client(scheduler: str | None, workers: int) -> Iterator["Client"]:
     if scheduler is None:
         size = min(workers, len(os.sched_getaffinity(0)))
         # Any port for its dashboard: the usual one may be taken by another sweep.
-        local = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        local = {"threads_per_worker": 1, "dashboard_address": ":0"}
+        local |= {"silence_logs": logging.CRITICAL}  # dask logs its own end, at Ctrl-C, as errors
         with LocalCluster(n_workers=size, **local) as cluster, Client(cluster) as client:
             yield client
         return
