@@ -3,9 +3,9 @@
 import math
 from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
-from host.config.section import Section, Text
+from host.config.section import Section, Text, can_change
 
 
 class Camera(Section):
@@ -50,7 +50,9 @@ class Camera(Section):
         return {**middles, **data}
 
     @model_validator(mode="after")
-    def _lens_before_the_picture(self) -> Self:
+    def _lens_before_the_picture(self, info: ValidationInfo) -> Self:
+        if not can_change(info):
+            return self
         for centre, size in (("centre_x_px", "width_px"), ("centre_y_px", "height_px")):
             if not -0.5 <= getattr(self, centre) <= getattr(self, size) - 0.5:
                 raise ValueError(

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import ValidationError, ValidationInfo, model_validator
 
 from host.config.cameras import Cameras
 from host.config.errors import explain_settings, explain_toml
@@ -17,7 +17,7 @@ from host.config.filters import FilterSettings
 from host.config.lidar import Lidar
 from host.config.link import LinkSettings
 from host.config.mocap import Mocap
-from host.config.section import Section, Text
+from host.config.section import RECORDED, Section, Text, can_change
 from host.config.wheels import Board, Motors, Wheels
 from host.errors import UserError
 
@@ -50,7 +50,9 @@ class RobotConfig(Section):
     link: LinkSettings = LinkSettings()
 
     @model_validator(mode="after")
-    def _a_port_for_each(self) -> Self:
+    def _a_port_for_each(self, info: ValidationInfo) -> Self:
+        if not can_change(info):
+            return self
         first: dict[str, str] = {}
         for key, port in (
             ("board.port", self.board.port),
@@ -64,7 +66,9 @@ class RobotConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _two_views(self) -> Self:
+    def _two_views(self, info: ValidationInfo) -> Self:
+        if not can_change(info):
+            return self
         front, rear = self.camera.front, self.camera.rear
         apart = math.remainder(front.heading_rad - rear.heading_rad, math.tau)
         if "none" not in (front.source, rear.source) and abs(apart) < _SAME_VIEW_RAD:
@@ -78,13 +82,14 @@ class RobotConfig(Section):
 def recorded_config(content: dict[str, Any]) -> RobotConfig:
     """The configuration of a recording, without settings that filters had once.
 
-    Raises pydantic's ValidationError for anything else that it cannot be.
+    Contradictions between settings are kept: what was recorded under them stays readable. Raises
+    pydantic's ValidationError for anything else that it cannot be.
     """
     settings = content.get("filter")
     if isinstance(settings, dict):
         kept = {key: value for key, value in settings.items() if key not in _ONCE_OF_FILTERS}
         content = {**content, "filter": kept}
-    return RobotConfig.model_validate(content)
+    return RobotConfig.model_validate(content, context=RECORDED)
 
 
 def load_config(path: str | Path) -> RobotConfig:

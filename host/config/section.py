@@ -3,7 +3,14 @@
 from collections.abc import Callable
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+)
 from pydantic_core import PydanticCustomError
 
 from host.config.errors import NOT_REGISTERED
@@ -43,3 +50,12 @@ def registered(registry: Registry) -> Callable[[str], str]:
         return name
 
     return check
+
+
+RECORDED = {"recorded": True}
+"""The validation context of a recording's settings."""
+
+
+def can_change(info: ValidationInfo) -> bool:
+    """Whether a contradiction in settings is to be refused: a recording's are as they were."""
+    return info.context != RECORDED

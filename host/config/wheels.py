@@ -2,9 +2,9 @@
 
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from host.config.section import Section, Text, registered
+from host.config.section import Section, Text, can_change, registered
 from host.registry import BOARDS
 
 _LARGEST_RADIUS_RATIO = 1.5  # of a robot's left and right wheels
@@ -29,7 +29,9 @@ class Wheels(Section):
     max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
 
     @model_validator(mode="after")
-    def _one_robot(self) -> Self:
+    def _one_robot(self, info: ValidationInfo) -> Self:
+        if not can_change(info):
+            return self
         small, large = sorted((self.left_radius_m, self.right_radius_m))
         if large > _LARGEST_RADIUS_RATIO * small:
             raise ValueError(

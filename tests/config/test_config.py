@@ -209,6 +209,15 @@ def test_a_recording_may_hold_what_filters_had_once_and_nothing_else() -> None:
         recorded_config({"filter": {"wings": 2}})
 
 
+def test_a_recording_stays_readable_whose_settings_contradict_each_other() -> None:
+    front = {"source": "/dev/video0", "heading_rad": 3.0}
+    rear = {"source": "/dev/video0", "heading_rad": 3.0, "centre_x_px": -5.0}
+    old = {"camera": {"front": front, "rear": rear}, "wheels": {"track_m": 0.03}}
+    with pytest.raises(ValidationError):
+        RobotConfig.model_validate(old)
+    assert recorded_config(old).camera.rear.centre_x_px == -5.0
+
+
 def test_a_strip_has_the_size_of_its_pattern_unless_it_is_given() -> None:
     both = [
         parse_config(f'[camera.strip]\npattern = "{pattern}"\ndiameter_m = 0.09\n').camera.strip
