@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
+from host.cli.terminal.summary import written
 from host.recording.log import SUFFIX
 from host.sessions.recordings.exporting import export
 from host.sessions.robot import robot_configuration
@@ -35,4 +36,4 @@ def export_command(
     with options.progress_bar() as progress:
         figures = export(source, output, robot, progress)
     options.write_json(json_path, figures)
-    click.echo(options.listing(figures))
+    click.echo(written(figures))

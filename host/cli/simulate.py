@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
+from host.cli.terminal.summary import written
 from host.recording.log import SUFFIX
 from host.sessions.recordings.simulating import simulate_to_recording
 from host.sessions.robot import robot_configuration
@@ -47,4 +48,4 @@ def simulate(
         robot = robot_configuration(robot_path)
         figures = simulate_to_recording(scenario, output, robot, progress, sensors)
     options.write_json(json_path, figures)
-    click.echo(options.listing(figures))
+    click.echo(written(figures))

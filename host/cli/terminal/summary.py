@@ -1,7 +1,7 @@
 """The figures of a run or a replay as text for a person."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from host.cli.options import listing
@@ -9,6 +9,36 @@ from host.errors import one_line
 from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # within a count, until the lines are filled
+# Of a device's counts: what it is there for, and what says nothing of how well it did.
+_MAIN = ("revolutions", "pictures", "frames", "estimates", "heard")
+_USUAL = {*_MAIN, "bytes", "packets", "replies", "points", "messages", "bodies", "connections"}
+_USUAL |= {"busy_ms", "comparisons"}
+# What went wrong: how it counts, of which whole, in words. What is lost is not in the whole.
+_SHARES = {
+    "checksum_errors": ("", "packets", "packets damaged"),
+    "implausible_packets": ("", "packets", "packets implausible"),
+    "points_lost": ("lost", "points", "points lost"),
+    "refused": ("lost", "frames", "frames damaged"),
+    "frames_delayed": ("", "frames", "frames delayed"),
+    "lost": ("lost", "frames", "frames lost"),
+    "torn": ("", "pictures", "pictures torn"),
+    "repeated": ("", "pictures", "pictures repeated"),
+    "dropped": ("", "messages", "messages dropped"),
+    "late": ("", "messages", "messages late"),
+}
+_KINDS = {
+    "truth": "true poses",
+    "bodies": "motion capture",
+    "displacement": "wheels",
+    "scan": "lidar",
+    "bearings": "cameras",
+    "estimate": "estimates",
+    "health": "device states",
+    "names": "recognized robots",
+    "teammateodometry": "link",
+}
+_LABELS = {"output": "written to", "seconds": "time", "megabytes": "size"}
+_UNITS = {"seconds": " s", "megabytes": " MB"}
 
 
 def summary(figures: Mapping[str, Any]) -> str:
@@ -35,7 +65,9 @@ def summary(figures: Mapping[str, Any]) -> str:
         lines["recorded names"] = figures["recorded_names"]
     if "recording" in figures:
         lines["recording"] = figures["recording"]
-    lines |= {name: _device(device) for name, device in figures["devices"].items()}
+    lines |= {
+        name: _device(device, figures["seconds"]) for name, device in figures["devices"].items()
+    }
     return "Summary\n" + listing(lines).replace(_NO_BREAK, " ")
 
 
@@ -94,18 +126,55 @@ def _latency(delays_ms: Mapping[str, Mapping[str, float]]) -> str:
     )
 
 
-def _device(device: Mapping[str, Any]) -> str:
-    counts = ", ".join(_count(name, value) for name, value in device["counts"].items() if value)
-    if device["ok"]:
-        return counts or one_line(device["reason"])
-    return f"FAIL: {one_line(device['reason'])}" + (f" ({counts})" if counts else "")
+def _device(device: Mapping[str, Any], seconds: float) -> str:
+    """ "ok: 17 revolutions, 7.0/s; 0.2 % of points lost": what it brought, and what went wrong."""
+    reason, counts = one_line(device["reason"]), device["counts"]
+    troubles = ", ".join(_troubles(counts))
+    if not device["ok"]:
+        return f"FAIL: {reason}" + (f" ({troubles})" if troubles else "")
+    main = next((name for name in _MAIN if counts.get(name) and "comparisons" not in counts), None)
+    text = reason if main is None else _count(main, counts[main])
+    if main is not None and seconds > 0.0:
+        text += f", {counts[main] / seconds:.1f}/s"
+    return f"ok: {text}" + (f"; {troubles}" if troubles else "")
+
+
+def _troubles(counts: Mapping[str, int]) -> Iterator[str]:
+    """What is not as it should be, as a share of the whole where there is one."""
+    for name, value in counts.items():
+        part, whole, words = _SHARES.get(name, ("", "", ""))
+        if name == "connections" and value > 1:
+            yield "reconnected " + ("once" if value == 2 else f"{value - 1} times")
+        elif value and whole in counts:
+            total = counts[whole] + (value if part == "lost" else 0)
+            yield f"{_percent(value / max(total, 1))} of {words}".replace(" ", _NO_BREAK)
+        elif value and name not in _USUAL:
+            yield _count(name, value)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _count(name: str, value: int) -> str:
-    """A count in words: "1 packet" of packets, "3 ms busy" of busy_ms."""
+    """A count in words: "1 packet" of packets."""
     words = name.replace("_", " ")
-    if words.endswith(" ms"):
-        words = f"ms {words.removesuffix(' ms')}"
-    elif value == 1:
+    if value == 1:
         words = re.sub(r"(ie)?s\b", lambda plural: "y" if plural[1] else "", words)
     return f"{value} {words}".replace(" ", _NO_BREAK)
+
+
+def written(figures: Mapping[str, Any]) -> str:
+    """What `export` or `simulate` wrote: where, and how much of what."""
+    lines = {}
+    for name, value in figures.items():
+        kind, _, unit = name.rpartition("_")
+        if unit == "rows":
+            lines[f"{kind}.csv"] = f"{value} rows"
+        elif unit == "messages":
+            lines[_KINDS.get(kind, kind)] = f"{value} {unit}"
+        elif name != "times_real_time":
+            lines[_LABELS.get(name, name)] = f"{value}{_UNITS.get(name, '')}"
+    if "times_real_time" in figures:
+        lines["time"] += f", simulated at {figures['times_real_time']} times real time"
+    return listing(lines)

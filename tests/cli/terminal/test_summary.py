@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from host.cli.terminal.summary import summary
+from host.cli.terminal.summary import summary, written
 from host.messages import Estimate, Health, Names
 from host.sessions.figures import Tally, timing
 
@@ -16,7 +16,7 @@ def test_a_summary_has_counts_or_the_reason_there_are_none():
     assert told({"seconds": 3.0, **tally.figures(), "devices": tally.devices()}) == {
         "time": "3.0 s",
         "updates": "none: nothing was measured",
-        "lidar": "7 revolutions",
+        "lidar": "ok: 7 revolutions, 2.3/s",
         "board": "FAIL: not found; plug it in",
     }
 
@@ -105,17 +105,49 @@ def test_a_replay_is_told_with_its_score():
     assert "error" not in lines
 
 
-def test_counts_of_devices_are_words_and_one_is_singular():
-    counts = {
-        "replies": 1,
-        "packets": 1,
-        "points_lost": 1,
-        "revolutions": 2,
-        "late": 3,
-        "busy_ms": 4,
+def device(counts, ok=True, reason="scanning"):
+    return told(
+        {**RUN, "seconds": 10.0, "devices": {"it": {"ok": ok, "reason": reason, "counts": counts}}}
+    )["it"]
+
+
+def test_a_device_is_told_with_its_rate_and_what_went_wrong():
+    lidar = {"bytes": 9000, "packets": 1000, "revolutions": 70, "replies": 1, "connections": 1}
+    assert device(lidar) == "ok: 70 revolutions, 7.0/s"
+    worse = {
+        **lidar,
+        "checksum_errors": 20,
+        "points": 900,
+        "points_lost": 100,
+        "revolutions_torn": 1,
     }
-    device = {"ok": True, "reason": "scanning", "counts": counts}
-    lost = {"ok": False, "reason": "it is gone", "counts": {"connections": 2}}
-    lines = told({**RUN, "devices": {"lidar": device, "board": lost}})
-    assert lines["lidar"] == "1 reply, 1 packet, 1 point lost, 2 revolutions, 3 late, 4 ms busy"
-    assert lines["board"] == "FAIL: it is gone (2 connections)"
+    assert device({**worse, "connections": 3}) == (
+        "ok: 70 revolutions, 7.0/s; reconnected 2 times, 2 % of packets damaged, 10 % of points "
+        "lost, 1 revolution torn"
+    )
+    # Frames that were lost or damaged are not among those that came.
+    assert device({"frames": 99, "lost": 1}).endswith("; 1 % of frames lost")
+    assert device({"frames": 10, "late": 3}).endswith("; 3 late")
+    assert device({}, reason="30 kB/s") == "ok: 30 kB/s"
+    gone = {"frames": 5, "connections": 2}
+    assert device(gone, False, "it is gone") == "FAIL: it is gone (reconnected once)"
+    assert device({"frames": 5}, False, "it is gone") == "FAIL: it is gone"
+
+
+def test_what_was_written_is_told_in_words():
+    lines = written(
+        {
+            "recording": "a.mcap",
+            "seconds": 20.0,
+            "times_real_time": 9.3,
+            "megabytes": 0.6,
+            "bodies_messages": 341,
+        }
+    )
+    assert lines.splitlines() == [
+        "  recording       a.mcap",
+        "  time            20.0 s, simulated at 9.3 times real time",
+        "  size            0.6 MB",
+        "  motion capture  341 messages",
+    ]
+    assert written({"output": "a", "scan_rows": 3}) == "  written to  a\n  scan.csv    3 rows"
