@@ -45,7 +45,7 @@ def stamps_check(tracks: Sequence[FloatArray]) -> Check:
 def delay_check(name: str, delay: float, sigma: float) -> Check:
     """The check that a delay (s) is not negative, as far as that is known."""
     return at_least(
-        f"{name}, at most",
+        f"{name}, upper limit",
         delay + _SIGMAS * (sigma if math.isfinite(sigma) else 0.0) + _TOLERANCE_S,
         0.0,
         "ms",

@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def square(
     content = _figures(found, robot)
     options.write_json(json_path, content)
     click.echo(_as_table(errors))
-    click.echo(options.listing(content))
+    click.echo(as_text(content, runs))
 
 
 def _once(rig: Rig, side_m: float, left: bool, stopped: Callable[[], bool]) -> FloatArray:
@@ -102,6 +102,31 @@ def _as_table(errors: dict[bool, list[FloatArray]]) -> str:
         for x, y in runs
     ]
     return "\n".join([f"  {'return error':20}{'x mm':>8}{'y mm':>8}", *rows])
+
+
+def as_text(figures: Mapping[str, Any], runs: int) -> str:
+    """The result in words, and what follows for robot.toml."""
+    spread = f"{figures['spread_mm']} mm" if runs > 1 else "unknown after one square each way"
+    lines = {
+        "systematic error": f"{figures['systematic_error_mm']} mm",
+        "spread": spread,
+        "heading error a corner": f"{figures['corner_error_deg']} deg (track)",
+        "heading error a side": f"{figures['side_bend_deg']} deg (wheels)",
+        "right radius / left": f"{figures['wheel_ratio']}",
+        "track / configured": f"{figures['track_ratio']}",
+    }
+    # Of the mean of a direction's runs, at three sigmas.
+    if figures["systematic_error_mm"] <= 3.0 * figures["spread_mm"] / math.sqrt(runs):
+        return f"{options.listing(lines)}\nkeep robot.toml: wheel slip alone explains these errors"
+    todo = "write this into robot.toml:"
+    if runs == 1:
+        todo = "next: repeat with --runs 5, since wheels slip; so far robot.toml would be"
+    return f"""{options.listing(lines)}
+{todo}
+  [wheels]
+  left_radius_m = {figures["corrected_left_radius_m"]}
+  right_radius_m = {figures["corrected_right_radius_m"]}
+  track_m = {figures["corrected_track_m"]}"""
 
 
 def _figures(found: Umbmark, robot: RobotConfig) -> dict[str, Any]:

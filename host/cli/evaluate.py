@@ -105,21 +105,17 @@ def evaluate(
         if not folder.draw:
             click.echo(_NO_PICTURES, err=True)
     size = step_count(sources, names, chosen)
-    with click.progressbar(
-        length=size, label="evaluating", item_show_func=lambda done: done or "", file=options.stderr
-    ) as bar:
+    with options.step_bar("evaluating", size) as step:
         keep = (lambda scored: None) if folder is None else folder.take
-        rows = score_sources(
-            sources, names, chosen, robot, lambda done: bar.update(1, done), keep, truth
-        )
+        rows = score_sources(sources, names, chosen, robot, step, keep, truth)
     compared = list(score_systems(every, others))
     options.write_json(
         json_path, [row.as_json() for row in rows] + [row.as_json() for row in compared]
     )
     if rows:
-        click.echo(table(rows, options.columns()))
+        click.echo(table(rows, options.columns(80)))
     if compared:
-        click.echo(systems_table(compared, options.columns()))
+        click.echo(systems_table(compared, options.columns(80)))
     if folder is not None:
         folder.take_systems(compared)
         folder.finish(rows)

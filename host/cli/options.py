@@ -176,10 +176,10 @@ def _truth(context: click.Context, option: click.Parameter, text: str | None) ->
     return None if text is None else truth_file(text, context.meta[_UNITS], report)
 
 
-def columns() -> float:
-    """How wide the terminal is, or COLUMNS says; without both, nothing is too wide."""
+def columns(unknown: float = math.inf) -> float:
+    """How wide the terminal is, or COLUMNS says; without both, `unknown`."""
     known = sys.stdout.isatty() or os.environ.get("COLUMNS", "")
-    return shutil.get_terminal_size().columns if known else math.inf
+    return shutil.get_terminal_size().columns if known else unknown
 
 
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
@@ -215,6 +215,29 @@ def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], 
                 shown = time
 
         yield move
+
+
+@contextlib.contextmanager
+def step_bar(label: str, length: int) -> Iterator[Callable[[str], None]]:
+    """Gives what counts a step that is done, by its name: a bar on standard error.
+
+    Where that is no terminal, each tenth of the steps has a line.
+    """
+    done = 0
+
+    def count(name: str) -> None:
+        nonlocal done
+        done += 1
+        if done * 10 // length > (done - 1) * 10 // length:
+            click.echo(f"{label} {done} of {length}: {name}", err=True)
+
+    if not stderr.isatty():
+        yield count
+        return
+    with click.progressbar(
+        length=length, label=label, item_show_func=lambda name: name or "", file=stderr
+    ) as bar:
+        yield lambda name: bar.update(1, name)
 
 
 def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) -> None:

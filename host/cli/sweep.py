@@ -138,7 +138,7 @@ def sweep_command(
     _run(every, records, output, scheduler, workers, plugins)
     found = summaries(records.of(every))
     options.write_json(json_path, [summary.as_json() for summary in found])
-    click.echo(table(found, options.columns()))
+    click.echo(table(found, options.columns(80)))
 
 
 def _run(
@@ -153,13 +153,8 @@ def _run(
     if done:
         click.echo(f"{done} of {len(every)} trials are in {output} already", err=True)
     try:
-        with click.progressbar(
-            length=len(every) - done,
-            label="sweeping",
-            item_show_func=lambda trial: trial or "",
-            file=options.stderr,
-        ) as bar:
-            sweep(every, records, lambda name: bar.update(1, name), scheduler, workers, plugins)
+        with options.step_bar("trials", len(every) - done) as step:
+            sweep(every, records, step, scheduler, workers, plugins)
     except KeyboardInterrupt as interrupt:
         raise UserError(
             "the sweep was interrupted",

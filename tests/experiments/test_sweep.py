@@ -37,7 +37,7 @@ def expected():
         ["lidar+camera", "lidar"],
         [("filter.pmb.report_error_m", [0.1, 0.5])],
     )
-    return table(summaries([trials.score(trial) for trial in every]))
+    return table(summaries([trials.score(trial) for trial in every]), 80)
 
 
 def invoke(*arguments):

@@ -34,7 +34,7 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Check, ...]:
     return (
         settled,
         at_most(
-            "turrets by the lidar alone and by the cameras alone, apart",
+            "distance between turrets by the lidar and by the cameras",
             apart,
             _APART,
             "sigmas",

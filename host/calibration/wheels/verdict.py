@@ -157,7 +157,7 @@ def verdict(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
     ]
     return (
         at_least(
-            "way",
+            "distance driven",
             driven.way_m,
             LEAST_WAY_M,
             "m",

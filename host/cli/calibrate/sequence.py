@@ -11,6 +11,7 @@ from host.calibration.gathered import Gathered
 from host.calibration.joint.calibrate import SENSORS, SensorName
 from host.calibration.joint.calibrate import calibrate as fit_jointly
 from host.calibration.result import Calibration
+from host.cli import options
 from host.cli.calibrate.fitting import Fitting
 from host.errors import UserError
 from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
@@ -27,10 +28,20 @@ class Sequence:
         self._passed: list[SensorName] = []
         self._refused: dict[CalibrationKind, UserError] = {}
         self._fits: dict[CalibrationKind, Calibration] = {}
+        self._outcomes: dict[str, str] = {}  # by kind, or what else was written
         self.results: list[dict[str, Any]] = []
 
     def run(self) -> None:
         """All that can be fitted. Raises UserError for the first that is refused, at the end."""
+        self._fit_all()
+        robot = self._common["robot_path"]
+        click.echo(f"calibration of {robot} with {self._source}")
+        click.echo(options.listing(self._outcomes))
+        for error in self._refused.values():
+            raise error
+        click.echo(f"next: swarmloc run --robot {robot}")
+
+    def _fit_all(self) -> None:
         for sensor in SENSORS:
             self._try(sensor)
             if "wheels" in self._refused:
@@ -44,8 +55,6 @@ class Sequence:
             self._together()
         if not self._refused.keys() & set(SENSORS):
             self._try("detection")
-        for error in self._refused.values():
-            raise error
 
     def _together(self) -> bool:
         """The fit of all that passed, where that is more than wheels: whether it passed."""
@@ -76,6 +85,7 @@ class Sequence:
         today = datetime.date.today().isoformat()
         note = f"turrets calibrated {today} from {name}: {found.residuals}"
         robot_file.update(fitting.robot_path, turrets, note)
+        self._outcomes["turrets"] = "found and written"
         return True
 
     def _try(self, kind: CalibrationKind) -> None:
@@ -86,14 +96,22 @@ class Sequence:
         name, gathered = fitting.gather(self._source, lambda _: [], mounted=kind != "wheels")
         if missing := lacking(kind, gathered):
             click.echo(f"{kind}: left out, {self._source} has no {missing}")
+            self._outcomes[kind] = f"left out: no {missing}"
             return
+        self._outcomes.pop(kind, None)
         try:
-            self._fits[kind] = self._fit(kind, gathered)
-            self.results.append(fitting.conclude(self._fits[kind], name))
+            self._fits[kind] = fit = self._fit(kind, gathered)
+            verdict = "refused" if fit.failures else "passed"
+            self._outcomes[kind] = f"{verdict}, nothing written; report: {report}"
+            self.results.append(fitting.conclude(fit, name))
         except UserError as error:
             self._refused[kind] = error
+            self._outcomes.setdefault(kind, f"not fitted: {error.what}")
             click.echo(f"{kind}: {error.what}", err=True)
         else:
+            verdict = "accepted although checks fail" if fit.failures else "passed"
+            verdict += " and written" if fit.new_settings() else ", nothing to write"
+            self._outcomes[kind] = f"{verdict}; report: {report}"
             if kind in SENSORS:
                 self._passed.append(kind)
         click.echo()

@@ -5,29 +5,38 @@ import math
 import textwrap
 from collections.abc import Sequence
 
+from host.cli.options import listing
 from host.evaluation.metrics import Row
 from host.systems.catalogue import SystemRow
 
 _BASELINE = "clairvoyant"
-# Heading with the unit, width, decimals.
+# Heading, width, decimals.
 _FIGURES = {
-    "gospa_m": ("GOSPA m", 7, 3),
-    "localisation_m": ("loc. m", 6, 3),
+    "gospa_m": ("GOSPA", 6, 3),
     "missed": ("missed", 6, 2),
     "false": ("false", 5, 2),
-    "stray": ("stray", 5, 2),
-    "time_over_30cm": (">30cm%", 6, 1),
-    "rmse_m": ("RMSE m", 6, 3),
-    "p67_m": ("p67 m", 5, 3),
-    "label_changes": ("label", 5, 1),
+    "time_over_30cm": (">30 cm", 6, 1),
+    "rmse_m": ("RMSE", 5, 3),
     "anees": ("ANEES", 5, 2),
-    "update_ms_median": ("ms", 5, 2),
+    "localisation_m": ("position", 8, 3),
+    "p67_m": ("p67", 5, 3),
+    "stray": ("stray", 5, 2),
+    "label_changes": ("labels", 6, 1),
+    "update_ms_median": ("update", 6, 2),
 }
-_LEGEND = """\
-missed, false: per scan. stray: estimates over 30 cm from every teammate, per scan, at any range.
->30cm: teammates whose nearest estimate is further. label: its changes per teammate and
-minute. ANEES: 1 is consistent, more is overconfident. ms: one predict and update. ratio: of GOSPA
-to clairvoyant's."""
+_LEGEND = {
+    "GOSPA": "m, errors of positions, missed and false reports in one figure",
+    "missed": "teammates not reported, a scan",
+    "false": "reports of nobody, a scan",
+    ">30 cm": "%, time that a teammate's nearest report is further away",
+    "position": "m, the part of GOSPA that errors of positions make",
+    "RMSE, p67": "m, errors of reports matched to teammates: root mean square, 67th percentile",
+    "ANEES": "1: covariances fit the errors; more: overconfident",
+    "stray": "reports over 30 cm from every teammate, a scan, at any range",
+    "labels": "changes of a teammate's label, a minute",
+    "update": "ms, median, to predict and update",
+    "ratio": "GOSPA over that of clairvoyant, the limit",
+}
 
 
 def table(rows: Sequence[Row], columns: float = math.inf) -> str:
@@ -38,8 +47,7 @@ def table(rows: Sequence[Row], columns: float = math.inf) -> str:
     lines: list[str] = []
     for source, block in itertools.groupby(rows, key=lambda row: row.source):
         lines += [*_block(source, list(block), columns), ""]
-    width = min(columns - 1, max(map(len, _LEGEND.splitlines())))
-    return "\n".join([*lines, textwrap.fill(" ".join(_LEGEND.split()), int(width))])
+    return "\n".join([*lines, listing(_LEGEND)])
 
 
 def _block(source: str, rows: Sequence[Row], columns: float) -> list[str]:

@@ -213,7 +213,7 @@ def test_a_path_that_does_not_separate_track_from_radii_is_refused(name, speeds,
 
 def test_a_short_drive_is_refused():
     found = calibrate([wandering(2, 8.0)], Wheels(), Mocap())
-    assert "way" in failed(found)
+    assert "distance driven" in failed(found)
 
 
 def test_a_robot_that_stood_still_is_told_so():

@@ -82,12 +82,16 @@ def test_where_lidar_and_cameras_are_refused_turrets_are_looked_for_and_written_
 
 
 def test_one_that_is_refused_again_is_left_out_and_told_at_the_end(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fits = Fits(refused=("camera", "camera"))
     with pytest.raises(UserError, match="the camera calibration is refused"):
         run(fits, monkeypatch, tmp_path)
     assert fits.made[-2:] == ["camera", "joint of wheels lidar"]
+    last = " ".join(capsys.readouterr().out.partition("calibration of ")[2].split())
+    assert f"wheels passed, nothing to write; report: {tmp_path}/all-wheels.html" in last
+    assert f"camera refused, nothing written; report: {tmp_path}/all-camera.html" in last
+    assert "next:" not in last
     assert "detection" not in fits.made
 
 
