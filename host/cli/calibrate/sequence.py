@@ -11,7 +11,6 @@ from host.calibration.gathered import Gathered
 from host.calibration.joint.calibrate import SENSORS, SensorName
 from host.calibration.joint.calibrate import calibrate as fit_jointly
 from host.calibration.result import Calibration
-from host.cli import options
 from host.cli.calibrate.fitting import Fitting
 from host.errors import UserError
 from host.sessions.calibrating.calibrate import CalibrationKind, calibrate_gathered, lacking
@@ -36,7 +35,8 @@ class Sequence:
         self._fit_all()
         robot = self._common["robot_path"]
         click.echo(f"calibration of {robot} with {self._source}")
-        click.echo(options.listing(self._outcomes))
+        for kind, outcome in self._outcomes.items():  # not filled: names of files stay whole
+            click.echo(f"  {kind:9}  {outcome}")
         for error in self._refused.values():
             raise error
         click.echo(f"next: swarmloc run --robot {robot}")
