@@ -35,6 +35,8 @@ class Sequence:
         self._fit_all()
         robot = self._common["robot_path"]
         click.echo(f"calibration of {robot} with {self._source}")
+        for kind in (*SENSORS, "joint", "detection"):
+            self._outcomes.setdefault(kind, "not tried: it needs others that passed")
         for kind, outcome in self._outcomes.items():  # not filled: names of files stay whole
             click.echo(f"  {kind:9}  {outcome}")
         for error in self._refused.values():

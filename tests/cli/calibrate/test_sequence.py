@@ -91,6 +91,7 @@ def test_one_that_is_refused_again_is_left_out_and_told_at_the_end(
     last = " ".join(capsys.readouterr().out.partition("calibration of ")[2].split())
     assert f"wheels passed, nothing to write; report: {tmp_path}/all-wheels.html" in last
     assert f"camera refused, nothing written; report: {tmp_path}/all-camera.html" in last
+    assert "detection not tried" in last
     assert "next:" not in last
     assert "detection" not in fits.made
 
