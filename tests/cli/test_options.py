@@ -206,7 +206,7 @@ def test_a_run_whose_screen_is_gone_writes_its_figures(tmp_path: Path, end: str)
         (["simulate"], "arena4:seco", ["arena4:seconds="]),
         (["simulate"], "arena4:seed=1,seco", ["arena4:seed=1,seconds="]),
         (["evaluate"], "swarm", ["swarm20"]),
-        (["evaluate", "--filters"], "phd,pm", ["phd,pmb"]),
+        (["evaluate", "--filters"], "phd,las", ["phd,last_reading"]),
         (["replay", "--filter"], "las", ["last_reading"]),
         (["export"], "today.m", ["today.m"]),
     ],

@@ -10,7 +10,7 @@ from host.localizer import Localizer
 from host.messages import Bearings, Scan
 from host.sessions.recordings import runs
 
-GONE, BACK, END = 7.0, 17.0, 20.0
+GONE, BACK, END = 5.0, 15.0, 17.5
 
 
 @pytest.mark.slow

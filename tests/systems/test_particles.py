@@ -62,6 +62,7 @@ def test_evaluate_has_one_table_and_the_reason_where_there_is_nothing(tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert "particles         trilateration" in done.output
-    assert "it needs odometry and sightings with identities" in done.output
+    words = " ".join(done.output.split())
+    assert "it needs odometry and sightings with identities" in words
     wrong = CliRunner().invoke(main, ["evaluate", "intruder:colour=red"])
     assert wrong.exit_code != 0

@@ -120,7 +120,7 @@ def test_it_ends_at_once_whoever_reads():
 
 def test_without_readers_nothing_is_told(monkeypatch):
     scene = scenes.a_scene()
-    monkeypatch.setattr(scene, "tell", lambda now: pytest.fail("told to nobody"))
+    monkeypatch.setattr(scene, "message", lambda now: pytest.fail("sent to nobody"))
     with Viewer(scene, port=0) as viewer:
         viewer.look(scenes.now(1.0))
 

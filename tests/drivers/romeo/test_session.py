@@ -360,7 +360,7 @@ def test_the_board_gets_the_settings_of_robot_toml_before_anything_moves_or_coun
 
 
 def test_what_the_board_cannot_set_is_told() -> None:
-    robot = RobotConfig(wheels=Wheels(counts_per_turn=4))
+    robot = RobotConfig(wheels=Wheels(counts_per_turn=4, periods_per_turn=0))
     line = Line(RomeoStandIn(driving, start=99.0), robot=robot)
     line.run(1.0)
     ok, reason = line.state
