@@ -35,7 +35,7 @@ def covariance_of(
     held = np.diag(1.0 / np.diag(prior)[free])
     inverse = np.asarray(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + held))
     gains = np.einsum("nij,ni->nj", rows, off)
-    middle = scatter_of(pairs.strips.times[used], gains, inverse) + held
+    middle = scatter_of(pairs.strips.times[used], gains, rows, inverse) + held
     # What is wrong alike in all pictures moves the fit as a whole.
     up = upward(values, pairs)[used]
     pulled = LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up / scale[:, None])
@@ -61,12 +61,14 @@ def unseen(values: FloatArray, free: BoolArray) -> FloatArray:
     return np.asarray(found)
 
 
-def scatter_of(times: FloatArray, gains: FloatArray, inverse: FloatArray) -> FloatArray:
+def scatter_of(
+    times: FloatArray, gains: FloatArray, rows: FloatArray, inverse: FloatArray
+) -> FloatArray:
     """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
 
-    gains (n, p): each pair's error times its slopes; inverse (p, p): of their information. Pair by
-    pair, times the factor by which sums over blocks of time scatter more: a drive has too few
-    blocks for their scatter value by value.
+    gains (n, p): each pair's error times its slopes, rows (n, 2, p); inverse (p, p): of their
+    information. Pair by pair, times the factor by which sums over blocks of time scatter more: a
+    drive has too few blocks for their scatter value by value.
     """
-    factor = correlation_factor(times, gains, inverse, BLOCK_S)
+    factor = correlation_factor(times, gains, rows, inverse, BLOCK_S)
     return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

@@ -102,7 +102,8 @@ class LidarEvidence:
         bent = plain + (pulls.T * bends) @ pulls
         # Far from the least squares, what trust is lost by moving can outweigh what is gained.
         information = bent if _is_convex(bent) else plain
-        return _correlated(times, weights[:, None] * pulls, information, CORRELATED_S)
+        rows *= np.sqrt(weights)[:, None, None]
+        return _correlated(times, weights[:, None] * pulls, rows, information, CORRELATED_S)
 
 
 class CameraEvidence:
@@ -138,7 +139,7 @@ class CameraEvidence:
         scores = np.einsum("nij,ni->nj", rows, off)
         information = np.einsum("nij,nik->jk", rows, rows)
         common = LOW_PX * np.einsum("nij,ni->j", rows, upward(own, pairs)[used] / scale[:, None])
-        return _correlated(times, scores, information, BLOCK_S, common)
+        return _correlated(times, scores, rows, information, BLOCK_S, common)
 
 
 def _is_convex(information: FloatArray) -> bool:
@@ -159,16 +160,20 @@ def _by_point(rows: FloatArray, cameras: IntArray) -> FloatArray:
 def _correlated(
     times: FloatArray,
     scores: FloatArray,
+    rows: FloatArray,
     information: FloatArray,
     seconds: float,
     common: FloatArray | None = None,
 ) -> Evidence:
-    """Evidence of readings with scores (n, p), worth less by what their errors are correlated."""
+    """Evidence of readings, worth less by what their errors are correlated.
+
+    scores (n, p) and rows (n, 2, p): weighted, of their errors.
+    """
     touched = np.diag(information) > 0.0
     # Pixels beside radians: to one scale. The body's pose and a sensor's own are one, seen so.
     size = np.where(touched, np.sqrt(np.diag(information)), 1.0)
     inverse = np.linalg.pinv(information / np.outer(size, size), _SINGULAR, hermitian=True)
-    factor = correlation_factor(times, scores / size, inverse, seconds)
+    factor = correlation_factor(times, scores / size, rows / size, inverse, seconds)
     fitted = float(np.count_nonzero(touched) - BODY_VALUES)
     scatter = bent_factor(2.0 * len(scores), fitted) * scores.T @ scores
     alike = np.zeros(len(information)) if common is None else common

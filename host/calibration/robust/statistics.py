@@ -61,17 +61,34 @@ def bent_factor(count: float, fitted: float) -> float:
 
 
 def correlation_factor(
-    times: FloatArray, scores: FloatArray, inverse: FloatArray, seconds: float
+    times: FloatArray, scores: FloatArray, rows: FloatArray, inverse: FloatArray, seconds: float
 ) -> float:
     """By how much, 1 or more, sums over blocks of `seconds` scatter more than independent scores.
 
-    scores (n, p): of readings at `times` (n,) s; inverse (p, p): of their information. One number
-    for all p values: a drive has too few blocks for a number of each.
+    scores (n, p), rows (n, a, p): of readings at `times` (n,) s; inverse (p, p): of their
+    information. One number for all p values: a drive has too few blocks for a number of each. A
+    fit follows the errors of what it rests on most, which takes from the scatter of each block and
+    reading; that is made up for.
     """
-    sums = block_sums(scores, blocks_of(times - times[0], seconds))
-    together = np.einsum("bi,ij,bj->", sums, inverse, sums) * bent_factor(len(sums), 1)
-    alone = np.einsum("ni,ij,nj->", scores, inverse, scores)
+    information = np.einsum("nai,naj->nij", rows, rows)
+    blocks = blocks_of(times - times[0], seconds)
+    together, alone = (
+        np.einsum("bi,ij,bj->", parts, inverse, parts) / _left_by_fit(shares @ inverse)
+        for parts, shares in (
+            (block_sums(scores, blocks), block_sums(information, blocks)),
+            (scores, information),
+        )
+    )
     return max(1.0, float(together) / max(float(alone), 1e-12))
+
+
+def _left_by_fit(shares: FloatArray) -> float:
+    """How much of the squared scores of parts a fit leaves; shares (b, p, p): of the information.
+
+    With independent errors a part's scores have the covariance I_b - I_b I^-1 I_b.
+    """
+    whole, taken = np.einsum("bii->", shares), np.einsum("bij,bji->", shares, shares)
+    return max(float(whole - taken), 1e-3)
 
 
 def sandwich(bread: FloatArray, middle: FloatArray) -> FloatArray:

@@ -169,12 +169,15 @@ def test_strips_whose_errors_last_for_a_second_count_as_few() -> None:
     once = random.normal(size=(60, 2))
     gains, times = np.repeat(once, 10, axis=0), np.repeat(np.arange(60.0) * 2.0, 10)
     inverse = np.diag([0.3, 2.0])
-    weighed = float(np.sum(scatter_of(times, gains, inverse) * inverse))
+    rows = np.broadcast_to(np.diag((600.0 * np.diag(inverse)) ** -0.5), (600, 2, 2))
+    weighed = float(np.sum(scatter_of(times, gains, rows, inverse) * inverse))
     plain = float(np.sum((once.T @ once) * inverse))
-    assert weighed == pytest.approx(100.0 * plain * (60.0 / 59.0) * (1200.0 / 1198.0))
+    assert weighed == pytest.approx(
+        100.0 * plain * (60.0 / 59.0) * (599.0 / 600.0) * (1200.0 / 1198.0)
+    )
     # Where errors take turns, a block's sum is nearly nothing: no less than pair by pair.
     balanced = gains * np.resize([[1.0], [-1.0]], (600, 1))
-    least = float(np.sum(scatter_of(times, balanced, inverse) * inverse))
+    least = float(np.sum(scatter_of(times, balanced, rows, inverse) * inverse))
     assert least == pytest.approx(10.0 * plain * 1200.0 / 1198.0)
 
 
