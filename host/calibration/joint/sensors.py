@@ -169,10 +169,11 @@ def _correlated(
 
     scores (n, p) and rows (n, 2, p): weighted, of their errors.
     """
-    touched = np.diag(information) > 0.0
+    plain = np.einsum("nai,naj->ij", rows, rows)
+    touched = np.diag(plain) > 0.0
     # Pixels beside radians: to one scale. The body's pose and a sensor's own are one, seen so.
-    size = np.where(touched, np.sqrt(np.diag(information)), 1.0)
-    inverse = np.linalg.pinv(information / np.outer(size, size), _SINGULAR, hermitian=True)
+    size = np.where(touched, np.sqrt(np.diag(plain)), 1.0)
+    inverse = np.linalg.pinv(plain / np.outer(size, size), _SINGULAR, hermitian=True)
     factor = correlation_factor(times, scores / size, rows / size, inverse, seconds)
     fitted = float(np.count_nonzero(touched) - BODY_VALUES)
     scatter = bent_factor(2.0 * len(scores), fitted) * scores.T @ scores
