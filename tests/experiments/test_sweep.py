@@ -70,25 +70,18 @@ def test_interrupted_and_resumed_on_a_running_scheduler_the_table_is_the_same(tm
 
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as far:
         address = far.scheduler_address
-        resumed = invoke(*ARGUMENTS, "--output", output, "--scheduler", address)
+        table = tmp_path / "table.json"
+        more = "--scheduler", address, "--json", table
+        resumed = invoke(*ARGUMENTS, "--output", output, *more)
     assert resumed.exit_code == 0, resumed.output
     assert f"{len(before)} of 8 trials are in" in resumed.stderr
     assert resumed.stdout.strip() == expected.strip()
+    assert table.read_text().count('"gospa_m_ci95"') == 4
     assert output.read_text().splitlines()[: len(before)] == before
 
     # Once more: nothing is left to do, so no cluster is needed.
     again = invoke(*ARGUMENTS, "--output", output, "--scheduler", "tcp://127.0.0.1:1")
     assert again.stdout == resumed.stdout
-
-
-@pytest.mark.slow
-def test_two_workers_of_this_computer_give_the_same_table_too(tmp_path, expected):
-    pytest.importorskip("distributed")
-    path = tmp_path / "table.json"
-    done = invoke(*ARGUMENTS, "--output", tmp_path / "s.jsonl", "--workers", 2, "--json", path)
-    assert done.exit_code == 0, done.output
-    assert done.stdout.strip() == expected.strip()
-    assert path.read_text().count('"gospa_m_ci95"') == 4
 
 
 def test_a_scheduler_that_does_not_answer_is_reported_in_words(tmp_path, monkeypatch):

@@ -70,20 +70,19 @@ def correlation_factor(
     fit follows the errors of what it rests on most, which takes from the scatter of each block and
     reading; that is made up for.
     """
-    information = np.einsum("nai,naj->nij", rows, rows)
     blocks = blocks_of(times - times[0], seconds)
+    sums = block_sums(scores, blocks)
+    shares = block_sums(np.einsum("nai,naj->nij", rows, rows), blocks) @ inverse
+    each = rows @ inverse @ rows.swapaxes(1, 2)  # of a reading, in the plane of its errors
     together, alone = (
-        np.einsum("bi,ij,bj->", parts, inverse, parts) / _left_by_fit(shares @ inverse)
-        for parts, shares in (
-            (block_sums(scores, blocks), block_sums(information, blocks)),
-            (scores, information),
-        )
+        np.einsum("bi,ij,bj->", parts, inverse, parts) / _left_by_fit(matrices)
+        for parts, matrices in ((sums, shares), (scores, each))
     )
     return max(1.0, float(together) / max(float(alone), 1e-12))
 
 
 def _left_by_fit(shares: FloatArray) -> float:
-    """How much of the squared scores of parts a fit leaves; shares (b, p, p): of the information.
+    """How much of the squared scores of parts a fit leaves; shares (b, k, k): of the information.
 
     With independent errors a part's scores have the covariance I_b - I_b I^-1 I_b.
     """
