@@ -49,13 +49,7 @@ def problem_of(gathered: Gathered, names: Collection[str]) -> Problem:
     Raises UserError where there is no motion capture of this robot and a teammate, or a sensor has
     no readings that fit what is configured.
     """
-    tracks = gathered.tracks()
-    if not len(tracks.identities):
-        raise UserError(
-            "there is nothing to fit together: motion capture saw no teammate",
-            "what lidar and cameras share is where it has the teammates",
-            "put a teammate with its own body on the floor",
-        )
+    tracks = gathered.tracks_of_teammates()
     drives = usable(drives_of(gathered))[0] if "wheels" in names else []
     unknowns = Unknowns(6 + 2 * len(drives), tracks.identities.tolist())
     problem = _without_sensors(gathered, unknowns, drives)
