@@ -98,12 +98,9 @@ class LidarEvidence:
         off, rows = off[known] / sigmas[:, None], rows / sigmas[:, None, None]
         weights, bends = weights[known] / noise**2, bends[known] / noise**2
         pulls = np.einsum("na,nai->ni", off, rows)
-        plain = np.einsum("n,nai,naj->ij", weights, rows, rows)
-        bent = plain + (pulls.T * bends) @ pulls
-        # Far from the least squares, what trust is lost by moving can outweigh what is gained.
-        information = bent if _is_convex(bent) else plain
+        bends = (pulls.T * bends) @ pulls
         rows *= np.sqrt(weights)[:, None, None]
-        return _correlated(times, weights[:, None] * pulls, rows, information, CORRELATED_S)
+        return _correlated(times, weights[:, None] * pulls, rows, CORRELATED_S, bends=bends)
 
 
 class CameraEvidence:
@@ -137,9 +134,8 @@ class CameraEvidence:
         rows /= scale[:, None, None]
         off = errors(own, pairs)[used] / scale[:, None]
         scores = np.einsum("nij,ni->nj", rows, off)
-        information = np.einsum("nij,nik->jk", rows, rows)
         common = LOW_PX * np.einsum("nij,ni->j", rows, upward(own, pairs)[used] / scale[:, None])
-        return _correlated(times, scores, rows, information, BLOCK_S, common)
+        return _correlated(times, scores, rows, BLOCK_S, common)
 
 
 def _is_convex(information: FloatArray) -> bool:
@@ -161,13 +157,14 @@ def _correlated(
     times: FloatArray,
     scores: FloatArray,
     rows: FloatArray,
-    information: FloatArray,
     seconds: float,
     common: FloatArray | None = None,
+    bends: FloatArray | float = 0.0,
 ) -> Evidence:
     """Evidence of readings, worth less by what their errors are correlated.
 
-    scores (n, p) and rows (n, 2, p): weighted, of their errors.
+    scores (n, p) and rows (n, 2, p): weighted, of their errors. bends (p, p): what the information
+    has besides, as weights change with the errors.
     """
     plain = np.einsum("nai,naj->ij", rows, rows)
     touched = np.diag(plain) > 0.0
@@ -177,7 +174,9 @@ def _correlated(
     factor = correlation_factor(times, scores / size, rows / size, inverse, seconds)
     fitted = float(np.count_nonzero(touched) - BODY_VALUES)
     scatter = bent_factor(2.0 * len(scores), fitted) * scores.T @ scores
-    alike = np.zeros(len(information)) if common is None else common
+    alike = np.zeros(len(plain)) if common is None else common
+    # Far from the least squares, what trust is lost by moving can outweigh what is gained.
+    information = plain + bends if _is_convex(plain + bends) else plain
     return Evidence(
         information / factor, scores.sum(axis=0) / factor, scatter / factor, alike / factor
     )
