@@ -3,9 +3,9 @@
 import math
 from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, model_validator
 
-from host.config.section import Section, Text, can_change
+from host.config.section import Section, Text, contradiction
 
 
 class Camera(Section):
@@ -49,17 +49,14 @@ class Camera(Section):
         }
         return {**middles, **data}
 
-    @model_validator(mode="after")
-    def _lens_before_the_picture(self, info: ValidationInfo) -> Self:
-        if not can_change(info):
-            return self
+    @contradiction
+    def _lens_before_the_picture(self) -> None:
         for centre, size in (("centre_x_px", "width_px"), ("centre_y_px", "height_px")):
             if not -0.5 <= getattr(self, centre) <= getattr(self, size) - 0.5:
                 raise ValueError(
                     f"{centre} ({getattr(self, centre):g}) must lie in the picture: {size} is "
                     f"{getattr(self, size)}; its middle is {0.5 * (getattr(self, size) - 1):g}"
                 )
-        return self
 
 
 _ONE_COLOUR = {"height_m": 0.22, "tall_m": 0.04}  # the thesis' strip, where it differs

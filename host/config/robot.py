@@ -7,9 +7,9 @@ of range is an error that names the key, the line and the bound. Every value has
 import math
 import tomllib
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from pydantic import ValidationError, ValidationInfo, model_validator
+from pydantic import ValidationError
 
 from host.config.cameras import Cameras
 from host.config.errors import explain_settings, explain_toml
@@ -17,7 +17,7 @@ from host.config.filters import FilterSettings
 from host.config.lidar import Lidar
 from host.config.link import LinkSettings
 from host.config.mocap import Mocap
-from host.config.section import RECORDED, Section, Text, can_change
+from host.config.section import RECORDED, Section, Text, contradiction
 from host.config.wheels import Board, Motors, Wheels
 from host.errors import UserError
 
@@ -49,10 +49,8 @@ class RobotConfig(Section):
     mocap: Mocap = Mocap()
     link: LinkSettings = LinkSettings()
 
-    @model_validator(mode="after")
-    def _a_port_for_each(self, info: ValidationInfo) -> Self:
-        if not can_change(info):
-            return self
+    @contradiction
+    def _a_port_for_each(self) -> None:
         first: dict[str, str] = {}
         for key, port in (
             ("board.port", self.board.port),
@@ -63,12 +61,9 @@ class RobotConfig(Section):
         ):
             if port not in ("auto", "none") and first.setdefault(port, key) != key:
                 raise ValueError(f"{key} is that of {first[port]}, too ({port})")
-        return self
 
-    @model_validator(mode="after")
-    def _two_views(self, info: ValidationInfo) -> Self:
-        if not can_change(info):
-            return self
+    @contradiction
+    def _two_views(self) -> None:
         front, rear = self.camera.front, self.camera.rear
         apart = math.remainder(front.heading_rad - rear.heading_rad, math.tau)
         if "none" not in (front.source, rear.source) and abs(apart) < _SAME_VIEW_RAD:
@@ -76,7 +71,6 @@ class RobotConfig(Section):
                 f"camera.front.heading_rad ({front.heading_rad:g}) and camera.rear.heading_rad "
                 f"({rear.heading_rad:g}) must differ: as it is, both look the same way"
             )
-        return self
 
 
 def recorded_config(content: dict[str, Any]) -> RobotConfig:

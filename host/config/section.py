@@ -1,7 +1,7 @@
 """What the tables of robot.toml have in common."""
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -10,6 +10,7 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationInfo,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
@@ -55,7 +56,18 @@ def registered(registry: Registry) -> Callable[[str], str]:
 RECORDED = {"recorded": True}
 """The validation context of a recording's settings."""
 
+_Table = TypeVar("_Table", bound=Section)
 
-def can_change(info: ValidationInfo) -> bool:
-    """Whether a contradiction in settings is to be refused: a recording's are as they were."""
-    return info.context != RECORDED
+
+def contradiction(check: Callable[[_Table], None]) -> Any:
+    """A validator of a table that refuses contradictions, by `check` raising ValueError.
+
+    Not in a recording: its settings are as they were.
+    """
+
+    def checked(table: _Table, info: ValidationInfo) -> _Table:
+        if info.context != RECORDED:
+            check(table)
+        return table
+
+    return model_validator(mode="after")(checked)

@@ -1,10 +1,10 @@
 """The settings of the wheels, the board that drives them and its motors, in robot.toml."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field
 
-from host.config.section import Section, Text, can_change, registered
+from host.config.section import Section, Text, contradiction, registered
 from host.registry import BOARDS
 
 _LARGEST_RADIUS_RATIO = 1.5  # of a robot's left and right wheels
@@ -28,10 +28,8 @@ class Wheels(Section):
     max_speed_mps: float = Field(0.4, gt=0.0, lt=5.0)
     max_turn_rate_radps: float = Field(3.0, gt=0.0, lt=50.0)
 
-    @model_validator(mode="after")
-    def _one_robot(self, info: ValidationInfo) -> Self:
-        if not can_change(info):
-            return self
+    @contradiction
+    def _one_robot(self) -> None:
         small, large = sorted((self.left_radius_m, self.right_radius_m))
         if large > _LARGEST_RADIUS_RATIO * small:
             raise ValueError(
@@ -48,7 +46,6 @@ class Wheels(Section):
                 f"counts_per_turn ({self.counts_per_turn}) must be periods_per_turn "
                 f"({self.periods_per_turn}) at least; 0 periods: not known"
             )
-        return self
 
 
 class Board(Section):
