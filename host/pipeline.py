@@ -4,13 +4,14 @@ A device or sink that fails is reported as Health, and the others continue. Ever
 localizer consumed, in its order, and every estimate goes to every sink.
 """
 
+import itertools
 import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 from host.drivers.pace import Pace
 from host.errors import UserError
@@ -42,8 +43,12 @@ _POLL_S = 0.1
 _BEHIND_S = 0.5  # a message that waited longer for the localizer makes estimates of the past
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
 _DRAIN_S = 0.3  # for what is queued by then
+_SLOW = "this computer is too slow"
+_LESS = "close other programs, or use fewer sensors (--sensors lidar)"
 
 Sink = Callable[[Message], None]
+_Part = TypeVar("_Part")
+_Made = TypeVar("_Made")
 
 
 class Source(Protocol):
@@ -224,26 +229,25 @@ class Pipeline:
                 self._deliver(self._truth(estimate.time))
 
     def _deliver(self, message: Message) -> None:
-        for name, sink in list(self._sinks.items()):
-            try:
-                sink(message)
-            except Exception as error:
-                # A full disk ends the recording, not the run.
-                del self._sinks[name]
-                self._report_failure(name, error, self._deliver)
+        self._each(self._sinks, lambda sink: sink(message))
 
     def _follow(self, messages: Sequence[Message]) -> None:
-        for name, follower in list(self._followers.items()):
+        made = self._each(self._followers, lambda each: [each.take(m) for m in messages])
+        for message in itertools.chain.from_iterable(made):
+            if message is not None:
+                self._deliver(message)
+
+    def _each(self, parts: dict[str, _Part], use: Callable[[_Part], _Made]) -> list[_Made]:
+        """What `use` makes of each part. One that fails is left out from then on: a full disk ends
+        the recording, not the run."""
+        made = []
+        for name, part in list(parts.items()):
             try:
-                made = [follower.take(message) for message in messages]
+                made.append(use(part))
             except Exception as error:
-                # As with a sink: the run goes on without it.
-                del self._followers[name]
+                del parts[name]
                 self._report_failure(name, error, self._deliver)
-                continue
-            for each in made:
-                if each is not None:
-                    self._deliver(each)
+        return made
 
     def _look(self) -> None:
         """Call the watcher and the driver with the present estimate, when it is due."""
@@ -278,27 +282,10 @@ class Pipeline:
         self._counts["busy_ms"] = round(1000.0 * self._busy_s)
         change = {name: count - self._reported[name] for name, count in self._counts.items()}
         self._reported = dict(self._counts)
-        dropped, malformed, updates = (
-            change[name] for name in ("dropped", "malformed", "estimates")
-        )
-        slow, behind_s = self._pace.fault(), self._queue.waited_s
-        each_ms = change["busy_ms"] / max(1, updates)
-        reason = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
-        if dropped:
-            reason = f"this computer is too slow: {dropped} messages dropped; close other "
-            reason += "programs, or use fewer sensors (--sensors lidar)"
-        elif slow is not None:
-            reason = str(slow)
-        elif behind_s > _BEHIND_S:
-            reason = f"this computer is too slow: estimates are {behind_s:.1f} s late; close other "
-            reason += "programs, or use fewer sensors (--sensors lidar)"
-        elif malformed:
-            reason = (
-                f"malformed messages dropped: {malformed}, the last of them {self._localizer.fault}"
-            )
-            reason += "; check what sends it"
-        ok = not dropped and not malformed and slow is None and behind_s <= _BEHIND_S
-        self._deliver(Health(now, LOCALIZER, ok, reason, dict(self._counts)))
+        updates, each_ms = change["estimates"], change["busy_ms"] / max(1, change["estimates"])
+        usual = f"{updates / seconds:.0f} updates/s, {each_ms:.1f} ms each"
+        wrong = self._wrong(change["dropped"], change["malformed"])
+        self._deliver(Health(now, LOCALIZER, not wrong, wrong or usual, dict(self._counts)))
         judges: dict[str, Judge] = {
             NOISE: self._localizer.consistency,
             GAINS: self._localizer.odometry,
@@ -307,5 +294,21 @@ class Pipeline:
             judges[DETECTION] = self._localizer.learnt
         for name, judge in judges.items():
             if judge.known:
-                wrong = judge.fault()
-                self._deliver(Health(now, name, wrong is None, wrong or judge.summary(), {}))
+                found = judge.fault()
+                self._deliver(Health(now, name, found is None, found or judge.summary(), {}))
+
+    def _wrong(self, dropped: int, malformed: int) -> str:
+        """What keeps the localizer from its work, "" for nothing; both counts are new ones."""
+        slow, behind_s = self._pace.fault(), self._queue.waited_s
+        if dropped:
+            return f"{_SLOW}: {dropped} messages dropped; {_LESS}"
+        if slow is not None:
+            return str(slow)
+        if behind_s > _BEHIND_S:
+            return f"{_SLOW}: estimates are {behind_s:.1f} s late; {_LESS}"
+        if malformed:
+            return (
+                f"malformed messages dropped: {malformed}, the last of them "
+                f"{self._localizer.fault}; check what sends it"
+            )
+        return ""
