@@ -5,6 +5,7 @@ in seconds. Lengths in metres, angles in radians, counter-clockwise positive, x 
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -249,3 +250,17 @@ Message = (
     | TeammateOdometry
     | Names
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """What is known at this moment, whenever it was measured.
+
+    estimate: predicted to now. measured: time (s) of the newest reading in it. truth: at the
+    estimate's time, if known. names: by label, of teammates recognized over the link.
+    """
+
+    estimate: Estimate
+    measured: float
+    truth: Truth | None = None
+    names: Mapping[int, Named] = field(default_factory=dict)

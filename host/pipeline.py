@@ -9,7 +9,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self, TypeVar
 
@@ -26,7 +25,7 @@ from host.messages import (
     Estimate,
     Health,
     Message,
-    Named,
+    Now,
     Positions,
     Scan,
     Truth,
@@ -73,20 +72,6 @@ class Follower(Protocol):
 
     def take(self, message: Message, /) -> Message | None:
         """Receive a message or estimate, in the localizer's thread; may return a new message."""
-
-
-@dataclass(frozen=True, slots=True)
-class Now:
-    """What is known at this moment, whenever it was measured.
-
-    estimate: predicted to now. measured: time (s) of the newest reading in it. truth: at the
-    estimate's time, if known. names: by label, of teammates recognized over the link.
-    """
-
-    estimate: Estimate
-    measured: float
-    truth: Truth | None = None
-    names: Mapping[int, Named] = field(default_factory=dict)
 
 
 def unwatched(now: Now) -> None:

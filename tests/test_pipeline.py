@@ -12,8 +12,8 @@ from host.errors import UserError
 from host.estimator.last_reading import LastReading
 from host.localizer import Localizer
 from host.message_queue import CAPACITY, MessageQueue
-from host.messages import Bearings, Displacement, Estimate, Health, Positions, Truth
-from host.pipeline import Now, Pipeline
+from host.messages import Bearings, Displacement, Estimate, Health, Now, Positions, Truth
+from host.pipeline import Pipeline
 
 LONG_S = 20.0  # a bound on waiting, not on speed
 

@@ -7,8 +7,7 @@ from typing import Any, Self
 
 from host.config import RobotConfig
 from host.errors import UserError
-from host.messages import Estimate, Message, Scan, Truth
-from host.pipeline import Now
+from host.messages import Estimate, Message, Now, Scan, Truth
 from host.recording.ros.cdr import nanoseconds
 from host.recording.ros.definitions import schema
 from host.recording.ros.topics import Published, Topics

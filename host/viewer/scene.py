@@ -18,12 +18,12 @@ from host.messages import (
     Health,
     Message,
     Named,
+    Now,
     Positions,
     Scan,
     Truth,
 )
 from host.perception.turrets.segments import place
-from host.pipeline import Now
 from host.viewer.playback import Playback
 
 SCHEMA = "swarmloc.stream/1"

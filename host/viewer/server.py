@@ -18,8 +18,7 @@ from websockets.http11 import Request, Response
 
 from host.behaviour.stick import Stick
 from host.errors import UserError
-from host.messages import Bearings, Message
-from host.pipeline import Now
+from host.messages import Bearings, Message, Now
 from host.viewer.access import access
 from host.viewer.addresses import bracketed, listening_socket, reachable
 from host.viewer.channel import Channel

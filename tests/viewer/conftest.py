@@ -14,8 +14,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.chrome.webdriver import WebDriver
 
 from host.behaviour.stick import Stick
-from host.messages import Bearings, Message
-from host.pipeline import Now
+from host.messages import Bearings, Message, Now
 from host.viewer.server import Viewer
 from tests.viewer import scenes
 

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from host.config import RobotConfig
-from host.messages import Bearings, Displacement, Estimate, Health, Positions, Scan, Truth
-from host.pipeline import Now
+from host.messages import Bearings, Displacement, Estimate, Health, Now, Positions, Scan, Truth
 from host.viewer.scene import Scene
 
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from host.config import RobotConfig
-from host.messages import Bearings, Displacement, Positions, Scan
-from host.pipeline import Now
+from host.messages import Bearings, Displacement, Now, Positions, Scan
 from host.sessions.offline.localizing import localize
 from host.sessions.recordings.runs import simulate_scenario
 from host.viewer.scene import ellipse

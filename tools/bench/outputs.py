@@ -20,8 +20,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from host.messages import Scan, Truth
-from host.pipeline import Now
+from host.messages import Now, Scan, Truth
 from host.recording.log import Recorder
 from host.sessions.offline.localizing import localize
 from host.sessions.recordings.runs import simulate_scenario

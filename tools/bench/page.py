@@ -13,7 +13,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
-from host.pipeline import Now
+from host.messages import Now
 from host.sessions.offline.localizing import localize
 from host.sessions.recordings.runs import simulate_scenario
 from host.viewer.scene import Scene

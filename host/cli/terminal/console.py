@@ -21,8 +21,7 @@ import segno
 from host.cli.terminal import teammates
 from host.cli.terminal.teammates import Paint
 from host.errors import one_line
-from host.messages import Health, Message
-from host.pipeline import Now
+from host.messages import Health, Message, Now
 
 FRAME_S = 0.2
 LINE_S = 1.0

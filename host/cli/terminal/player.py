@@ -14,11 +14,11 @@ from host.messages import (
     Estimate,
     Measurement,
     Message,
+    Now,
     Picture,
     Positions,
     Truth,
 )
-from host.pipeline import Now
 from host.sessions.recordings.replaying import Replayed, Result
 from host.systems.id_phd.naming import Naming
 from host.viewer.playback import Playback, SeekBackError

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from host.evaluation.truth_scoring import RANGE_M, errors_m
-from host.messages import Estimate, FloatArray, Named
-from host.pipeline import Now
+from host.messages import Estimate, FloatArray, Named, Now
 
 Paint = Callable[[str, str], str]  # a text in a style
 _COLUMNS = "{:>3} {:>7} {:>7} {:>7} {:>11} {:>8} {:>6} {:>5}"

@@ -17,8 +17,8 @@ from host.errors import UserError
 from host.estimator import profiles
 from host.evaluation.monitored import MonitoredFilter
 from host.localizer import Localizer
-from host.messages import Bearings, Measurement, Message, Positions
-from host.pipeline import Driver, Follower, Now, Pipeline, Sink, Source
+from host.messages import Bearings, Measurement, Message, Now, Positions
+from host.pipeline import Driver, Follower, Pipeline, Sink, Source
 from host.recording.background import BackgroundRecorder
 from host.recording.log import RecordingHeader
 from host.sessions.figures import Delays, Tally, timing

@@ -11,8 +11,7 @@ import pytest
 from host.cli.terminal import console
 from host.cli.terminal.console import Console, State, coloured, frame, line
 from host.evaluation.truth_scoring import errors_m
-from host.messages import Estimate, Health, Named, Truth
-from host.pipeline import Now
+from host.messages import Estimate, Health, Named, Now, Truth
 
 LONG_REASON = "cannot open /dev/ttyUSB0\nno such device is plugged in\n" + "check the plug " * 9
 
