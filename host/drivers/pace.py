@@ -12,9 +12,14 @@ _MOST_S = 0.5  # held up in all within the window, and devices can still be judg
 
 
 class Pace:
-    """Of one thread. clock: host time, s."""
+    """Of one thread. clock: host time, s.
+
+    silent_s: for how long it has listened to its device in vain: in all steps since `heard`, but
+    not while this computer stood still.
+    """
 
     def __init__(self, clock: Callable[[], float]) -> None:
+        self.silent_s = 0.0
         self._clock = clock
         self._held_up: deque[tuple[float, float]] = deque()  # until when, for how long, s
 
@@ -24,9 +29,14 @@ class Pace:
         begin = self._clock()
         yield
         now = self._clock()
+        self.silent_s += min(now - begin, at_most_s)
         late = now - begin - at_most_s
         if late > _SLACK_S:
             self._held_up.append((now, late))
+
+    def heard(self) -> None:
+        """The device is not silent."""
+        self.silent_s = 0.0
 
     def fault(self) -> UserError | None:
         """The error that this computer is too slow; None if it keeps up."""

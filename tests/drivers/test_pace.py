@@ -39,6 +39,18 @@ def test_what_stood_still_for_long_is_named_until_devices_can_be_judged_again() 
     assert pace.fault() is None
 
 
+def test_a_device_is_silent_for_as_long_as_it_was_listened_to_in_vain() -> None:
+    clock = Clock()
+    pace = Pace(clock)
+    for seconds in (0.05, 30.0, 0.05):
+        step(pace, clock, seconds)
+        clock.now += 5.0  # what is done between two steps is no listening
+    assert abs(pace.silent_s - 0.15) < 1e-9
+    pace.heard()
+    step(pace, clock, 0.02)
+    assert abs(pace.silent_s - 0.02) < 1e-9
+
+
 def test_a_device_is_not_blamed_for_a_slow_computer_but_for_what_is_certain() -> None:
     clock = Clock()
     reporter = HealthReporter("lidar", clock)

@@ -1,5 +1,6 @@
 """A USB camera (V4L2): its JPEG pictures as they are, the newest first."""
 
+import contextlib
 import errno
 import os
 import threading
@@ -18,6 +19,7 @@ from host.drivers.camera.controls import Controls
 from host.drivers.camera.files import WAIT_S, CameraFrame
 from host.drivers.camera.mjpeg import Splitter
 from host.drivers.camera.v4l2_device import MJPG, Buffer, VideoDevice
+from host.drivers.pace import Pace
 from host.errors import UserError
 
 _OLDEST_S = 1.0  # a picture whose time stamp is older bears another clock's
@@ -36,6 +38,7 @@ class UsbCamera:
         """Raises UserError where the camera gives no pictures of that size."""
         self._camera = camera
         self._clock = clock
+        self._pace = Pace(clock)
         self._controls = controls
         self._splitter = Splitter()
         self._superseded = self._bad_stamps = self._damaged = self._missed = 0
@@ -48,15 +51,13 @@ class UsbCamera:
             self._device = VideoDevice(camera.source)
         except OSError as error:
             raise explain_camera(camera.source, error) from error
-        try:
-            self._set_up()
-        except OSError as error:
-            self._device.close()
-            raise self._lost(error) from error
-        except UserError:
-            self._device.close()
-            raise
-        self._heard = clock()
+        with contextlib.ExitStack() as on_failure:
+            on_failure.callback(self.close)
+            try:
+                self._set_up()
+            except OSError as error:
+                raise self._lost(error) from error
+            on_failure.pop_all()
 
     def _set_up(self) -> None:
         """Ask for JPEG pictures of the right size, set the controls, start."""
@@ -100,9 +101,11 @@ class UsbCamera:
         None while exposure and white balance are still being set.
         """
         try:
-            newest = self._newest() if self._device.wait(WAIT_S) else None
+            with self._pace.within(WAIT_S):
+                newest = self._newest() if self._device.wait(WAIT_S) else None
             if newest is None:
-                self._check_silence()
+                if self._pace.silent_s > _SILENT_S:
+                    raise silent(self._camera.source)
                 return None
             time = self._time_of(newest, self._clock())
             pictures = self._splitter.feed(newest.data) + self._splitter.finish()
@@ -114,15 +117,11 @@ class UsbCamera:
             raise self._lost(error) from error
         return CameraFrame(pictures[-1], time) if self._settled else None
 
-    def _check_silence(self) -> None:
-        if self._clock() - self._heard > _SILENT_S:
-            raise silent(self._camera.source)
-
     def _newest(self) -> Buffer | None:
         """The last of the buffers that wait, damaged ones apart."""
         newest = None
         while (buffer := self._device.take()) is not None:
-            self._heard = self._clock()
+            self._pace.heard()
             if self._number is not None:
                 self._missed += max(buffer.sequence - self._number - 1, 0)
             self._number = buffer.sequence

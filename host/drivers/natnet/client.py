@@ -123,25 +123,27 @@ class NatNetClient:
     def _watch(self, link: Link, info: ServerInfo) -> None:
         """Take in what comes and judge it, until `stop` is set. Raises UserError."""
         session = MocapSession(self._clock, self._config, info)
-        heard = checked = self._clock()
+        pace = self._health.pace
+        pace.heard()
+        checked = self._clock()
         before = self._totals()
         while not self._stop.is_set():
-            with self._health.pace.within(_WAIT_S):
+            with pace.within(_WAIT_S):
                 session.ask(link)
                 for packet, source in link.receive(_WAIT_S):
                     if source == link.server:
-                        heard = self._clock()
                         self._take(session, packet)
+                        pace.heard()
                     else:
                         self._counts["strangers"] += 1
                         session.stranger = source
-            now = self._clock()
-            if now - heard > _SILENCE_S:
+            if pace.silent_s > _SILENCE_S:
                 raise UserError(
                     f"{_name(info)} at {link.server} stopped answering",
                     f"nothing came for {_SILENCE_S:.0f} s",
                     "is Motive still running, and the network up?",
                 )
+            now = self._clock()
             if now - checked >= _HEALTH_PERIOD_S:
                 totals = self._totals()
                 news = totals - before

@@ -192,8 +192,9 @@ class X4:
         """Emit scans until `stop` is set. Raises UserError without scans, OSError on unplugging."""
         decoder, delay = self._decoder, self._config.delay_s
         port.write(commands.SCAN)
-        asked = last = self._clock()
-        checked = asked  # a second of samples is judged
+        pace = self._health.pace
+        pace.heard()
+        asked = checked = self._clock()
         before = dict(decoder.counts)
         began = packets = before["packets"]
         liveness = Liveness(self._config)
@@ -204,11 +205,12 @@ class X4:
                 self._emit(delayed(scan, delay))
             came = packets > began
             if decoder.counts["packets"] > packets:
-                packets, last = decoder.counts["packets"], now
-            elif now - last > (_SILENCE_S if came else _SPIN_UP_S):
+                packets = decoder.counts["packets"]
+                pace.heard()
+            elif pace.silent_s > (_SILENCE_S if came else _SPIN_UP_S):
                 skipped = decoder.counts["bytes_skipped"] > before["bytes_skipped"]
                 reason = why_silent(self._recent if skipped else b"", came, identity)
-                if now - last > _GIVE_UP_S:
+                if pace.silent_s > _GIVE_UP_S:
                     raise reason
                 self._report(False, str(reason))
                 if now - asked > _SCAN_AGAIN_S:  # a dip of its supply makes a lidar forget it

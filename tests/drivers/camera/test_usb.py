@@ -15,6 +15,7 @@ from host.drivers.camera import driver as camera
 from host.drivers.camera import held_controls as c
 from host.drivers.camera.controls import Controls
 from host.drivers.camera.usb import UsbCamera
+from host.errors import UserError
 from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench
 from tests.drivers.camera.fake_camera import FakeCamera
 
@@ -114,6 +115,32 @@ def test_only_the_newest_of_waiting_pictures_is_taken(usb: FakeCamera, offset: f
     assert source.counts["superseded"] == 2
     ages = [hours.time - frame.time for frame in frames]
     assert ages[-1] == pytest.approx(0.001 if not offset else 0.0, abs=1e-5)
+    source.close()
+
+
+def test_a_camera_that_does_not_start_is_left_as_it_was_found(usb: FakeCamera) -> None:
+    usb.errors[v4l2_device.STREAMON] = errno.ENOSPC
+    before = {number: control.value for number, control in usb.controls.items()}
+    config = Camera(source=str(usb.path), width_px=WIDTH, height_px=HEIGHT, rate_hz=30.0)
+    with pytest.raises(UserError, match="USB has no bandwidth left"):
+        UsbCamera(config, Controls(50), time.monotonic)
+    assert {number: control.value for number, control in usb.controls.items()} == before
+
+
+def test_a_computer_that_stood_still_is_not_taken_for_a_silent_camera(
+    usb: FakeCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands still just after the driver has looked and found nothing."""
+    source, hours = opened(usb)
+
+    def nothing_came(device: v4l2_device.VideoDevice, seconds: float) -> bool:
+        hours.sleep(5.0)
+        return False
+
+    with monkeypatch.context() as still:
+        still.setattr(v4l2_device.VideoDevice, "wait", nothing_came)
+        assert source.read(threading.Event()) is None
+    assert source.read(threading.Event()) is not None
     source.close()
 
 

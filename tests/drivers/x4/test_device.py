@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import serial
 
 from host.config import Lidar
+from host.drivers.serial_port import read_available
 from host.drivers.x4 import device as x4
 from host.drivers.x4.commands import DeviceHealth
 from host.drivers.x4.device import X4, X4Pro
@@ -71,9 +73,9 @@ class Bench:
         os.close(theirs)
         os.close(ours)
 
-    def run(self, **settings: object) -> None:
+    def run(self, clock: Callable[[], float] = time.monotonic, **settings: object) -> None:
         config = Lidar.model_validate({"port": str(self.path), **settings})
-        driver = X4Pro(config) if config.model == "x4pro" else X4(config)
+        driver = X4Pro(config) if config.model == "x4pro" else X4(config, clock)
         self._driver = threading.Thread(target=self._drive, args=(driver,))
         self._driver.start()
 
@@ -262,6 +264,26 @@ def test_an_unknown_model_code_is_named_and_read_as_an_x4(bench: Bench) -> None:
     bench.plug()
     bench.run()
     bench.wait_reason("unknown model code 77", ok=True)
+
+
+def test_a_computer_that_stood_still_is_not_taken_for_a_silent_lidar(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands still for half a minute just after the driver has looked and found nothing."""
+    leap = [0.0]
+
+    def read(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
+        if len(bench.scans()) < 3 or leap[0]:
+            return read_available(port, timeout_s)
+        leap[0] = 30.0
+        return b""
+
+    monkeypatch.setattr(x4, "read_available", read)
+    bench.plug()
+    bench.run(clock=lambda: time.monotonic() + leap[0])
+    bench.wait(lambda: len(bench.scans()) > 8)
+    assert leap[0]
+    assert not any("stopped sending" in health.reason for health in bench.health())
 
 
 def test_a_slow_motor_is_waited_for(bench: Bench) -> None:
