@@ -5,6 +5,7 @@ process of its own (`disk_process`) carries it to the disk.
 """
 
 import array
+import contextlib
 import fcntl
 import os
 import select
@@ -108,24 +109,15 @@ class BackgroundFile:
         self._left = bytearray()  # of frames, for which the pipe had no room
         self._closed = False
         self.failed = False
-        file = created(path)
-        fcntl.flock(file, fcntl.LOCK_EX)
-        read, self._pipe = os.pipe()
-        self._failures, failures = os.pipe()
-        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.set_blocking(self._pipe, False)
-        theirs = (read, file, failures)
-        # In a session of its own, Ctrl-C does not reach it.
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", disk_process.__file__, *map(str, theirs)],
-            pass_fds=theirs,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        self._process = _started(path)
         self.pid = self._process.pid
-        for descriptor in theirs:
-            os.close(descriptor)
-        os.read(self._failures, 1)  # it is ready
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._pipe, self._words = self._process.stdin, self._process.stdout
+        with contextlib.suppress(PermissionError):  # of this user's pipes, the system has a limit
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.set_blocking(self._pipe.fileno(), False)
+        self._words.read(1)  # it is ready
 
     @property
     def waiting(self) -> int:
@@ -162,7 +154,7 @@ class BackgroundFile:
         """Give the pipe what it has room for."""
         try:
             while self._left:
-                del self._left[: os.write(self._pipe, self._left)]
+                del self._left[: os.write(self._pipe.fileno(), self._left)]
         except BlockingIOError:
             return
         except BrokenPipeError as error:
@@ -172,8 +164,7 @@ class BackgroundFile:
 
     def _failure(self) -> UserError:
         return unwritable(
-            self._path,
-            os.read(self._failures, _WORDS).decode() or "the process that writes it was killed",
+            self._path, self._words.read(_WORDS).decode() or "the process that writes it was killed"
         )
 
     def close(self) -> None:
@@ -182,19 +173,45 @@ class BackgroundFile:
             return
         self._closed = True
         end = time.monotonic() + (0.0 if self.failed else _CLOSE_S)
-        while self._left and select.select([], [self._pipe], [], _until(end))[1]:
-            self._push()
-        os.close(self._pipe)
-        known, self.failed = self.failed, True
-        try:
-            self._process.wait(_until(end))
-        except subprocess.TimeoutExpired:  # it goes on for as long as the disk takes
-            threading.Thread(target=self._process.wait, name="recording", daemon=True).start()
-            if not known:
-                raise _too_slow(len(self._left)) from None
-        else:
-            if not known and (words := os.read(self._failures, _WORDS)):
-                raise unwritable(self._path, words.decode())
+        with self._words:
+            with self._pipe:
+                while self._left and select.select([], [self._pipe], [], _until(end))[1]:
+                    self._push()
+            known, self.failed = self.failed, True
+            try:
+                self._process.wait(_until(end))
+            except subprocess.TimeoutExpired:  # it goes on for as long as the disk takes
+                threading.Thread(target=self._process.wait, name="recording", daemon=True).start()
+                if not known:
+                    raise _too_slow(len(self._left)) from None
+            else:
+                if not known and (words := self._words.read(_WORDS)):
+                    raise unwritable(self._path, words.decode())
+
+
+def _started(path: Path) -> subprocess.Popen[bytes]:
+    """The process that writes a new file. Raises UserError, and leaves no file."""
+    file = created(path)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        # In a session of its own, Ctrl-C does not reach it.
+        return subprocess.Popen(
+            [sys.executable, "-I", "-S", disk_process.__file__, str(file)],
+            pass_fds=(file,),
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+    except OSError as error:
+        path.unlink()
+        raise UserError(
+            f"the recording {path} cannot begin",
+            f"no process can be started to write it: {error.strerror}",
+            "close other programs, then try again",
+        ) from error
+    finally:
+        os.close(file)
 
 
 def _until(end: float) -> float:

@@ -1,4 +1,4 @@
-"""Writes what comes through a pipe to a file: its own process, which outlives the run.
+"""Writes what comes by its standard input to a file: its own process, which outlives the run.
 
 It may wait for a slow disk as long as that takes, and it writes what was handed to it even where
 the run is killed. Started as a script; it needs nothing but Python's own library.
@@ -64,23 +64,21 @@ def append(file: int, content: bytes, whole: int) -> int:
 
 
 def main() -> None:
-    """Arguments: descriptors of the pipe to read, the file, and the pipe for a failure's words.
-
-    There comes a byte first, once SIGTERM is ignored.
+    """Argument: the file's descriptor. The output is a byte, once SIGTERM is ignored, and why it
+    failed.
     """
-    pipe, file, failures = (int(word) for word in sys.argv[1:])
     signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the pipe's end ends it
-    report(failures, "\n")
+    report("\n")
     try:
-        copy(pipe, file)
+        copy(sys.stdin.fileno(), int(sys.argv[1]))
     except OSError as error:
-        report(failures, error.strerror or str(error))
+        report(error.strerror or str(error))
 
 
-def report(failures: int, words: str) -> None:
+def report(words: str) -> None:
     """Say something to the run, if it is still there."""
     with contextlib.suppress(BrokenPipeError):
-        os.write(failures, words.encode())
+        os.write(sys.stdout.fileno(), words.encode())
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ An MCAP file (https://mcap.dev) of profile ros2 holds each message twice: in our
 bit, which replay reads; and as topics that other tools draw. docs/recordings.md describes both.
 """
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Iterator
@@ -68,14 +69,18 @@ class Recorder:
     def __init__(
         self, path: str | Path, header: RecordingHeader, file: AppendedFile | None = None
     ) -> None:
-        self._file = AppendedMcap(file or DirectFile(Path(path)))
+        file = file or DirectFile(Path(path))
         self._packer = Packer()
         self._topics = Topics(header.config, header.unix_s)
         self._unix_s = header.unix_s
         self._time_ns = 0  # of the newest message
         self._bytes: dict[str, list[DeviceBytes]] = {}  # by device, not yet written
         self._closed = False
-        self._begin(header)
+        with contextlib.ExitStack() as on_failure:
+            on_failure.callback(file.close)
+            self._file = AppendedMcap(file)
+            self._begin(header)
+            on_failure.pop_all()
 
     def _begin(self, header: RecordingHeader) -> None:
         config = header.config.model_dump(mode="json")

@@ -16,6 +16,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.messages import Bearings, Estimate, Health, Message, Scan
 from host.pipeline import Pipeline
+from host.recording import background
 from host.recording.background import BackgroundRecorder
 from host.recording.log import Recorder, Recording, RecordingHeader
 
@@ -71,6 +72,48 @@ def test_a_disk_that_is_read_only_is_said_before_the_run(small_disk):
     subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
     with pytest.raises(UserError, match="Read-only file system"):
         Recorder(small_disk / "a.mcap", HEADER)
+
+
+def test_a_recording_leaves_nothing_open(tmp_path):
+    before = open_descriptors()
+    with BackgroundRecorder(tmp_path / "a.mcap", HEADER) as recorder:
+        recorder.write(a_scan(0))
+    assert open_descriptors() == before
+
+
+@pytest.mark.parametrize("recorder", [Recorder, BackgroundRecorder])
+def test_a_recording_that_cannot_begin_leaves_nothing_open(tmp_path, monkeypatch, recorder):
+    def fails(*_):
+        raise ValueError("no header")
+
+    monkeypatch.setattr(Recorder, "_begin", fails)
+    before = open_descriptors()
+    with pytest.raises(ValueError, match="no header"):
+        recorder(tmp_path / "a.mcap", HEADER)
+    assert open_descriptors() == before
+
+
+def test_without_a_process_to_write_it_there_is_no_recording_and_no_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    before = open_descriptors()
+    with pytest.raises(UserError, match="no process can be started to write it: No such file"):
+        BackgroundRecorder(tmp_path / "a.mcap", HEADER)
+    assert open_descriptors() == before
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_where_no_large_pipe_is_allowed_a_small_one_serves(tmp_path, monkeypatch):
+    def refused(*_):
+        raise PermissionError  # by fs.pipe-user-pages-soft, or in some containers
+
+    monkeypatch.setattr(background.fcntl, "fcntl", refused)
+    with BackgroundRecorder(tmp_path / "a.mcap", HEADER) as recorder:
+        write_scans(recorder)
+    assert len(list(Recording(tmp_path / "a.mcap").messages())) == 200
+
+
+def open_descriptors():
+    return len(os.listdir("/proc/self/fd"))
 
 
 def test_a_disk_that_hangs_delays_nobody(tmp_path):
