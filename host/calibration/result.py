@@ -171,7 +171,7 @@ configured and by the fitted values; one of the cameras; an error along or acros
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Series:
     """Points of a picture, x (n,) and y (n,); drawn one by one, joined, or as bars.
 
@@ -188,7 +188,7 @@ class Series:
 def thinned(x: FloatArray, y: FloatArray, label: str = "", role: Role = "") -> Series:
     """Points (n,) of a picture, no more of them, and evenly, than one can see."""
     step = max(1, -(-len(x) // _MOST_POINTS))
-    return Series(x=x[::step], y=y[::step], label=label, role=role)
+    return Series(x[::step], y[::step], label, role)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

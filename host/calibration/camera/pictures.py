@@ -71,11 +71,11 @@ def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
         y_label="sigma, deg",
         series=tuple(
             Series(
-                x=np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
-                y=np.array([math.degrees(s.sigma_rad) for s in found]),
-                label=f"{CAMERAS[number]} camera",
-                role=CAMERAS[number],
-                style="bars",
+                np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
+                np.array([math.degrees(s.sigma_rad) for s in found]),
+                f"{CAMERAS[number]} camera",
+                CAMERAS[number],
+                "bars",
             )
             for number, found in table.items()
         ),
@@ -121,13 +121,9 @@ def _circle(camera: Camera, reach: Reach) -> Series:
     radius = float(Lens(camera).radius(np.array([reach.angle]))[0])
     x = camera.centre_x_px + radius * np.cos(around)
     y = camera.centre_y_px + radius * np.sin(around)
-    return Series(
-        x=np.where(in_picture(camera, np.column_stack((x, y))), x, math.nan),
-        y=camera.height_px - y,
-        label=f"{math.degrees(reach.angle):.0f} deg off the axis",
-        role="fitted",
-        style="line",
-    )
+    x = np.where(in_picture(camera, np.column_stack((x, y))), x, math.nan)
+    label = f"{math.degrees(reach.angle):.0f} deg off the axis"
+    return Series(x, camera.height_px - y, label, "fitted", "line")
 
 
 def _points(label: str, x: FloatArray, y: FloatArray, chosen: BoolArray, role: Role) -> Series:

@@ -28,8 +28,7 @@ def lidar_pictures(
     views = survey.views
     seen = clear & views.seen
     along, across = 1e3 * survey.offsets[seen].T
-    x, y = survey.robots[:, :2].T
-    (false_x, false_y), (thing_x, thing_y) = clutter.places.T, clutter.standing.T
+    robots, false, standing = survey.robots, clutter.places, clutter.standing
     return [
         _by_range("lidar", views.part(clear), curve),
         _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
@@ -48,9 +47,9 @@ def lidar_pictures(
             x_label="x, m",
             y_label="y, m",
             series=(
-                Series(x=x, y=y, label="the robot's path", role="reference", style="line"),
-                thinned(false_x, false_y, "clutter", "measured"),
-                thinned(thing_x, thing_y, "stands there all the time", "refused"),
+                Series(robots[:, 0], robots[:, 1], "the robot's path", "reference", "line"),
+                thinned(false[:, 0], false[:, 1], "clutter", "measured"),
+                thinned(standing[:, 0], standing[:, 1], "stands there all the time", "refused"),
             ),
             caption="What stands there all the time is kept as an obstacle and is no clutter.",
             equal=True,
@@ -63,7 +62,7 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
     views = survey.views
     seen = views.seen
     errors = np.degrees(survey.errors[seen])
-    start = survey.times.min()
+    times, bearings = survey.places.T
     return [
         _by_range("cameras", views, curve),
         _by_bearing("cameras", views.part(views.distances < _BLIND_M), []),
@@ -78,11 +77,7 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
             title="False bearings",
             x_label="time, s",
             y_label="bearing, deg",
-            series=(
-                thinned(
-                    survey.places[:, 0] - start, np.degrees(survey.places[:, 1]), role="measured"
-                ),
-            ),
+            series=(thinned(times - survey.times.min(), np.degrees(bearings), role="measured"),),
             caption="A row at one bearing is something red that the robot carries; one at 90 deg "
             "to either side is the seam between the two cameras.",
         ),
@@ -108,8 +103,8 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
         x_label="range, m",
         y_label="share of views",
         series=(
-            Series(x=middles, y=shares, label="detected", role="measured", style="bars"),
-            Series(x=line, y=curve.at(line), label="fitted curve", role="fitted", style="line"),
+            Series(middles, shares, "detected", "measured", "bars"),
+            Series(line, curve.at(line), "fitted curve", "fitted", "line"),
         ),
         caption="Bars follow the curve as far as the data reach.",
     )
@@ -118,14 +113,11 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
 def _by_bearing(sensor: str, views: Views, sectors: list[FoundSector]) -> ReportPicture:
     edges = np.arange(-math.pi, math.pi + 0.5 * _BIN_RAD, _BIN_RAD)
     middles, shares = _shares(views.bearings, views.seen, edges)
-    x = np.degrees(middles)
-    series = [Series(x=x, y=shares, label="detected", role="measured", style="bars")]
+    series = [Series(np.degrees(middles), shares, "detected", "measured", "bars")]
     if sectors:
         line = np.radians(np.arange(-180.0, 180.0, 0.25))
-        blind = np.any([each.within(line, 0.0) for each in sectors], axis=0)
-        hidden = "blind sectors: 0"
-        x = np.degrees(line)
-        series.append(Series(x=x, y=1.0 - blind, label=hidden, role="fitted", style="line"))
+        open_ = 1.0 - np.any([each.within(line, 0.0) for each in sectors], axis=0)
+        series.append(Series(np.degrees(line), open_, "blind sectors: 0", "fitted", "line"))
     return ReportPicture(
         title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
         x_label="bearing, deg",

@@ -13,13 +13,13 @@ def pictures(problem: Problem, solution: Solution) -> tuple[ReportPicture, ...]:
     part = problem.unknowns.turrets
     x, y = 1e3 * solution.values[part].reshape(-1, 2).T
     series = [
-        Series(x=np.zeros(1), y=np.zeros(1), label="pivot", role="reference"),
-        Series(x=x, y=y, label="together", role="fitted"),
+        Series(np.zeros(1), np.zeros(1), "pivot", "reference"),
+        Series(x, y, "together", "fitted"),
     ]
     for name, (places, _) in turrets_by_sensor(problem, solution).items():
-        x, y = 1e3 * places.reshape(-1, 2).T
         role: Role = "measured" if name == "lidar" else "front"
-        series.append(Series(x=x, y=y, label=f"by {name} alone", role=role))
+        x, y = 1e3 * places.reshape(-1, 2).T
+        series.append(Series(x, y, f"by {name} alone", role))
     return (
         ReportPicture(
             title="turrets beside their bodies' pivots",

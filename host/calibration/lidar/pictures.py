@@ -14,18 +14,16 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
     ranges, bearings = outcome.polar
     used = outcome.truths[outcome.used]
     rejected = outcome.truths[~outcome.used]
-    x_before, y_before = 1e3 * outcome.before[outcome.used].T
-    x_after, y_after = 1e3 * outcome.errors[outcome.used].T
+    delays_ms, rms_mm = 1e3 * outcome.curve.delays, 1e3 * np.sqrt(outcome.curve.costs)
+    before, after = 1e3 * outcome.before[outcome.used], 1e3 * outcome.errors[outcome.used]
     return (
         ReportPicture(
             title="Coverage",
             x_label="x (ahead), m",
             y_label="y (left), m",
             series=(
-                Series(x=used[:, 0], y=used[:, 1], label="used", role="measured"),
-                Series(
-                    x=rejected[:, 0], y=rejected[:, 1], label="rejected as wrong", role="refused"
-                ),
+                Series(used[:, 0], used[:, 1], "used", "measured"),
+                Series(rejected[:, 0], rejected[:, 1], "rejected as wrong", "refused"),
             ),
             caption="True positions of teammates when the lidar saw them, in the robot frame. "
             "Good is all around, near and far.",
@@ -37,14 +35,7 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             title="Delay",
             x_label="delay, ms",
             y_label="rms error, cut off at 100 mm, mm",
-            series=(
-                Series(
-                    x=1e3 * outcome.curve.delays,
-                    y=1e3 * np.sqrt(outcome.curve.costs),
-                    role="fitted",
-                    style="line",
-                ),
-            ),
+            series=(Series(delays_ms, rms_mm, "", "fitted", "line"),),
             caption="How well the best mounting fits at each delay. Good is one narrow dip; "
             "where it is flat, the path does not separate the delay from a rotation of the lidar.",
         ),
@@ -53,8 +44,8 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
             x_label="error in x, mm",
             y_label="error in y, mm",
             series=(
-                Series(x=x_before, y=y_before, label="before", role="before"),
-                Series(x=x_after, y=y_after, label="fitted", role="fitted"),
+                Series(before[:, 0], before[:, 1], "before", "before"),
+                Series(after[:, 0], after[:, 1], "fitted", "fitted"),
             ),
             caption="Where the lidar puts teammates in the robot frame, less where they were.",
             equal=True,
@@ -76,8 +67,8 @@ def _residuals(
         x_label=f"{name}, {unit}",
         y_label="error, mm",
         series=(
-            Series(x=x, y=1e3 * along, label="along the beam", role="along"),
-            Series(x=x, y=1e3 * across, label="across", role="across"),
+            Series(x, 1e3 * along, "along the beam", "along"),
+            Series(x, 1e3 * across, "across", "across"),
         ),
         caption=caption,
     )

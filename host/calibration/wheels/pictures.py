@@ -47,7 +47,7 @@ def pictures(
             title="What was driven",
             x_label="speed, m/s",
             y_label="rotation rate, deg/s",
-            series=(Series(x=driven.speeds, y=np.degrees(driven.turn_rates), role="reference"),),
+            series=(Series(driven.speeds, np.degrees(driven.turn_rates), "", "reference"),),
             caption="Each point is 2 s. Good: points above and below zero, and along it.",
         ),
         _left_over(drives, found, before),
@@ -69,18 +69,14 @@ def _both(
 def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> ReportPicture:
     _, true, old = _both(drive, lag, before)
     *_, new = _both(drive, lag, after)
-    rows: tuple[tuple[FloatArray, str, Role], ...] = (
-        (true, "motion capture", "reference"),
-        (old, "wheels, before", "before"),
-        (new, "wheels, fitted", "fitted"),
-    )
     return ReportPicture(
         title=f"Path {drive.name}".rstrip(),
         x_label="x, m",
         y_label="y, m",
-        series=tuple(
-            Series(x=poses[:, 0], y=poses[:, 1], label=label, role=role, style="line")
-            for poses, label, role in rows
+        series=(
+            Series(true[:, 0], true[:, 1], "motion capture", "reference", "line"),
+            Series(old[:, 0], old[:, 1], "wheels, before", "before", "line"),
+            Series(new[:, 0], new[:, 1], "wheels, fitted", "fitted", "line"),
         ),
         caption="By the wheels alone from the first true pose on.",
         equal=True,
@@ -96,9 +92,8 @@ def _headings(
         for geometry, role in both:
             times, true, wheels = _both(drive, lag, geometry)
             error = np.degrees(wheels[:, 2] - true[:, 2])
-            since = times - drive.span[0]
             label = f"{drive.name} {role}".strip()
-            series.append(Series(x=since, y=error, label=label, role=role, style="line"))
+            series.append(Series(times - drive.span[0], error, label, role, "line"))
     return ReportPicture(
         title="Error of the heading",
         x_label="time, s",
@@ -111,19 +106,12 @@ def _headings(
 def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportPicture:
     used = found.windows.where(found.used)
     rates = np.degrees(used.moved[:, 2]) / WINDOW_S
-    old = misses(drives, *before, used)
+    old = np.degrees(misses(drives, *before, used)[:, 2])
+    new = np.degrees(found.residuals[found.used, 2])
     return ReportPicture(
         title="Heading error in 2 s, by rotation rate",
         x_label="rotation rate, deg/s",
         y_label="by the wheels minus true, deg",
-        series=(
-            Series(x=rates, y=np.degrees(old[:, 2]), label="before", role="before"),
-            Series(
-                x=rates,
-                y=np.degrees(found.residuals[found.used, 2]),
-                label="fitted",
-                role="fitted",
-            ),
-        ),
+        series=(Series(rates, old, "before", "before"), Series(rates, new, "fitted", "fitted")),
         caption="Before, a slope is the track and an offset the radii; fitted, neither is left.",
     )
