@@ -7,6 +7,7 @@ once a value is changed by hand, its covariance no longer counts.
 """
 
 import json
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,20 +53,13 @@ class Chain:
 
     def covariance(self, config: RobotConfig, keys: Sequence[str]) -> FloatArray:
         """Of `keys` (k, k); zero where no fit has found them, or not as they are in `config`."""
-        values = np.array([_value(config, key) for key in keys])
+        values = np.array([operator.attrgetter(key)(config) for key in keys])
         for entry in self.entries.values():
             if set(keys) <= set(entry.keys):
                 at = [entry.keys.index(key) for key in keys]
                 if np.allclose(values, entry.values[at], rtol=_ROUNDED, atol=1e-9):
                     return np.asarray(entry.covariance[np.ix_(at, at)])
         return np.zeros((len(keys), len(keys)))
-
-
-def _value(config: RobotConfig, key: str) -> float:
-    found: Any = config
-    for part in key.split("."):
-        found = getattr(found, part)
-    return float(found)
 
 
 def carried(slopes: FloatArray, base: FloatArray) -> FloatArray:

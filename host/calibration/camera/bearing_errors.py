@@ -113,6 +113,13 @@ def bearing_errors(camera: Camera, points: FloatArray, pixels: FloatArray) -> Fl
     )
 
 
+def pair_errors(fit: CameraFit, cameras: Sequence[Camera], delay: float) -> FloatArray:
+    """Errors (n,) rad of all pairs' bearings, had the cameras been these, and so late (s)."""
+    strips, points = fit.pairs.strips, fit.pairs.at(delay)
+    errors = [bearing_errors(camera, points, strips.pixels) for camera in cameras]
+    return np.choose(strips.cameras, errors)
+
+
 def _predicted(fit: CameraFit, number: int, first: int, cameras: Cameras) -> float:
     """Standard deviation (rad) of bearings in a sector, by the fit's covariance."""
     middle = np.radians(first + SECTOR_DEG * np.array([0.1, 0.5, 0.9]))

@@ -9,7 +9,7 @@ import numpy as np
 from host.calibration.camera.bearing_errors import (
     SECTOR_DEG,
     BearingSector,
-    bearing_errors,
+    pair_errors,
     sectors_of,
     sectors_without_views,
     shown_sectors,
@@ -81,7 +81,8 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
     halves = (parts[0], parts[1]) if parts[0] is not None and parts[1] is not None else None
     numbers = [n for n, name in enumerate(CAMERAS) if fit.fitted[n] or _exists(gathered, name)]
     table = {n: sectors_of(fit, n, cameras) for n in numbers}
-    off = _used_errors(fit)
+    off = pair_errors(fit, fit.cameras, fit.delay)
+    off = off[fit.used & np.isfinite(off)]
     reaches = {
         n: reach_of(fit, n, halves, cameras, lenses[name].reach_rad if name in lenses else 0.0)
         for n, name in enumerate(CAMERAS)
@@ -140,11 +141,8 @@ def camera_advice(gathered: Gathered) -> list[str]:
             shown = shown_sectors(camera, config.camera.strip.height_m)
             hits = [int(np.count_nonzero((place >= s) & (place < s + SECTOR_DEG))) for s in shown]
             found = [BearingSector(name, s, n, math.nan) for s, n in zip(shown, hits, strict=True)]
-            missing += [
-                f"{words}: bring a teammate there"
-                for words in [sectors_without_views(found)]
-                if words
-            ]
+            if gaps := sectors_without_views(found):
+                missing.append(f"{gaps}: bring a teammate there")
     ranges = np.concatenate([b.ranges for b in messages if b.ranges is not None] + [np.zeros(0)])
     if len(ranges) and not (ranges < _NEAR_M).any():
         missing.append(f"go nearer to a teammate than {_NEAR_M} m")
@@ -160,18 +158,6 @@ def _exists(gathered: Gathered, name: str) -> bool:
     """Whether the robot has this camera: it is configured, or something came from it."""
     camera: Camera = getattr(gathered.config.camera, name)
     return camera.source != "none" or any(b.camera == name for b in gathered.bearings)
-
-
-def _used_errors(fit: CameraFit) -> FloatArray:
-    """Errors of the bearings (n,) rad of the pairs that the fit rests upon."""
-    parts = []
-    points, strips = fit.pairs.at(fit.delay), fit.pairs.strips
-    for number, camera in enumerate(fit.cameras):
-        mine = fit.used & (strips.cameras == number)
-        parts.append(bearing_errors(camera, points[mine], strips.pixels[mine]))
-    off = np.concatenate(parts)
-    kept: FloatArray = off[np.isfinite(off)]
-    return kept
 
 
 def _rows(

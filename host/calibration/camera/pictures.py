@@ -8,9 +8,9 @@ import numpy as np
 from host.calibration.camera.bearing_errors import (
     SECTOR_DEG,
     BearingSector,
-    bearing_errors,
     bearings_of,
     in_picture,
+    pair_errors,
 )
 from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
@@ -34,7 +34,9 @@ def pictures(
     """Where strips were, how well bearings are known, and errors before and after."""
     bearings = np.degrees(bearings_of(fit))
     ranges = np.hypot(*fit.pairs.at(fit.delay)[:, :2].T)
-    after, before = _errors_deg(gathered, fit)
+    configured = [equidistant(getattr(gathered.config.camera, name)) for name in CAMERAS]
+    after = np.degrees(pair_errors(fit, fit.cameras, fit.delay))
+    before = np.degrees(pair_errors(fit, configured, 0.0))
     shown = fit.used & np.isfinite(after)
     cameras = fit.pairs.strips.cameras
     return (
@@ -81,18 +83,6 @@ def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
         ),
         caption="Predicted for each sector, with or without views in it.",
     )
-
-
-def _errors_deg(gathered: Gathered, fit: CameraFit) -> tuple[FloatArray, FloatArray]:
-    """Errors (n,) deg of all pairs' bearings as fitted, and as they were configured."""
-    strips = fit.pairs.strips
-    after, before = np.full(len(fit.used), math.nan), np.full(len(fit.used), math.nan)
-    for number, camera in enumerate(fit.cameras):
-        mine = strips.cameras == number
-        old = equidistant(getattr(gathered.config.camera, CAMERAS[number]))
-        after[mine] = bearing_errors(camera, fit.pairs.at(fit.delay)[mine], strips.pixels[mine])
-        before[mine] = bearing_errors(old, fit.pairs.at(0.0)[mine], strips.pixels[mine])
-    return np.degrees(after), np.degrees(before)
 
 
 def _in_picture(fit: CameraFit, number: int, reach: Reach | None) -> ReportPicture:

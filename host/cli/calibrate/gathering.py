@@ -19,12 +19,14 @@ from host.sessions.calibrating.gathering import (
     Advice,
     DriveWatch,
     calibration_rig,
-    gather_from_devices,
     gather_source,
 )
 from host.sessions.live.driving import driving_of
+from host.sessions.live.running import run_devices
 from host.sessions.recordings.truth_files import TruthFile
 from host.sessions.robot import robot_configuration
+
+_LOOK_EVERY_S = 1.0
 
 
 def from_source(source: str, robot_path: Path | None, truth: TruthFile | None = None) -> Gathered:
@@ -77,13 +79,14 @@ def live(
         with signals_caught() as signalled:
             if driving is not None:
                 driving.stopped = signalled
-            outcome = gather_from_devices(
+            outcome = run_devices(
                 rig,
-                drive,
+                {"calibration": drive.gathered.take, "screen": drive.note},
                 seconds=seconds,
                 record=record,
                 stopped=lambda: signalled() or (driving is not None and driving.done),
                 watch=look,
+                watch_every_s=_LOOK_EVERY_S,
                 driver=driving,
             )
         if options.stderr.isatty():

@@ -2,15 +2,13 @@
 
 import contextlib
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 
 from host.calibration.gathered import Gathered
 from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP
 from host.errors import UserError, one_line
 from host.messages import Health, Message
-from host.pipeline import DRIVER, LOCALIZER, Driver
-from host.sessions.live.running import RunOutcome, never, run_devices
+from host.pipeline import DRIVER, LOCALIZER
 from host.sessions.recordings.runs import Progress, find_source, read_as, simulated, unseen
 from host.sessions.recordings.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.world import scenarios
@@ -19,7 +17,6 @@ from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
 
 _MOCAP_HZ = 100
-_LOOK_EVERY_S = 1.0
 
 Advice = Callable[[Gathered], list[str]]
 
@@ -122,32 +119,3 @@ class DriveWatch:
             return self._advice(self.gathered)
         except UserError as error:
             return str(error).splitlines()
-
-
-def gather_from_devices(
-    rig: Rig,
-    drive: DriveWatch,
-    *,
-    seconds: float | None,
-    record: Path,
-    stopped: Callable[[], bool] = never,
-    watch: Callable[[], None],
-    driver: Driver | None = None,
-) -> RunOutcome:
-    """Gather into `drive` until `stopped()` or for `seconds`, and record it all.
-
-    watch: called once per second. driver: drives the robot, else somebody else does. What failed is
-    in the outcome; what was driven is kept
-    all the same.
-    """
-    sinks = {"calibration": drive.gathered.take, "screen": drive.note}
-    return run_devices(
-        rig,
-        sinks,
-        seconds=seconds,
-        record=record,
-        stopped=stopped,
-        watch=watch,
-        watch_every_s=_LOOK_EVERY_S,
-        driver=driver,
-    )
