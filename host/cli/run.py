@@ -27,6 +27,7 @@ from host.sessions.live.driving import driving_of
 from host.sessions.robot import robot_configuration
 from host.simulation.live import Interval
 from host.simulation.world import scenarios
+from host.simulation.world.settings import settings
 from host.sources.rig import real_rig, simulated_rig
 from host.sources.sensors import CAMERA_ONLY, LIDAR_AND_CAMERA, SENSORS
 from host.viewer.foxglove_server import FoxgloveServer
@@ -131,7 +132,7 @@ def run(
         else:
             wanted = sensors or LIDAR_AND_CAMERA
             rig = simulated_rig(stack, robot, scenario, unplug, wanted, driven=drives)
-            if seconds is None and "seconds" in scenarios.settings(scenario):
+            if seconds is None and "seconds" in settings(scenario):
                 seconds = scenarios.parse_scenario(scenario).seconds
         rig = replace(rig, record_pictures=pictures)
         stick = Stick() if drives else None

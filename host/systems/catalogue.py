@@ -1,14 +1,13 @@
 """The systems by name: what each needs, and the sources on which it can be scored."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
-from host.errors import UserError
 from host.evaluation.metrics import Accumulator
 from host.recording.elsewhere.mrclam import load_dataset, read_source
 from host.registry import SCENARIOS
-from host.simulation.world.scenarios import settings
+from host.simulation.world.settings import with_settings
 from host.systems.id_phd.mrclam_identities import mrclam_identities
 from host.systems.id_phd.overhead import OverheadScenario
 from host.systems.id_phd.overhead_score import overhead_score
@@ -19,7 +18,6 @@ from host.systems.swarm_ukf.simulated import SimulatedSwarm, SwarmScenario, simu
 
 Figures = dict[str, float]
 Variants = dict[str, Figures]
-AnyScenario = TypeVar("AnyScenario")
 
 DATASET, SWARM, INTRUDER, OVERHEAD = "mrclam", "swarm", "intruder", "overhead"
 
@@ -66,7 +64,7 @@ def _swarm_on_dataset(source: str) -> Variants:
 
 
 def _swarm_simulated(source: str) -> Variants:
-    scenario = _scenario(SwarmScenario, source)
+    scenario = with_settings(SwarmScenario(), source)
     return {
         "joint": simulated_score(SimulatedSwarm(scenario), "joint"),
         "a filter a robot": simulated_score(SimulatedSwarm(scenario), "exact"),
@@ -84,7 +82,7 @@ def _identities_on_dataset(source: str) -> Variants:
 
 
 def _overhead(source: str) -> Variants:
-    scenario = _scenario(OverheadScenario, source)
+    scenario = with_settings(OverheadScenario(), source)
     return {
         "id_phd": overhead_score(scenario),
         "printed": overhead_score(scenario, printed=True),
@@ -92,7 +90,7 @@ def _overhead(source: str) -> Variants:
 
 
 def _intruder(source: str) -> Variants:
-    return tracked(_scenario(IntruderScenario, source))
+    return tracked(with_settings(IntruderScenario(), source))
 
 
 SYSTEMS = {
@@ -151,19 +149,3 @@ def score_systems(sources: Sequence[str], names: Sequence[str]) -> Iterator[Syst
 
 def _kind(source: str) -> str:
     return source.partition(":")[0]
-
-
-def _scenario(kind: type[AnyScenario], source: str) -> AnyScenario:
-    """A source's settings as a scenario. Raises UserError for others than it has."""
-    known: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
-    given: dict[str, Any] = {}
-    for key, text in settings(source).items():
-        try:
-            given[key] = known[key](text)
-        except (KeyError, ValueError) as error:
-            raise UserError(
-                f"{source!r} cannot be read at {key}={text}",
-                f"its settings are {', '.join(known)}",
-                f"write for example {_kind(source)}:seed=1,seconds=60",
-            ) from error
-    return kind(**given)

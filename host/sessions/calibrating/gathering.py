@@ -13,6 +13,7 @@ from host.sessions.recordings.runs import Progress, find_source, read_as, simula
 from host.sessions.recordings.truth_files import TruthFile, truth_of_scenario, with_truth
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
+from host.simulation.world.settings import settings
 from host.sources.rig import Rig, real_rig, simulated_rig
 from host.sources.sensors import LIDAR_AND_CAMERA
 
@@ -23,7 +24,7 @@ Advice = Callable[[Gathered], list[str]]
 
 def with_mocap(scenario: str) -> str:
     """The scenario as written, with motion capture where it sets none."""
-    if scenarios.parse_scenario(scenario).mocap_hz or "mocap_hz" in scenarios.settings(scenario):
+    if scenarios.parse_scenario(scenario).mocap_hz or "mocap_hz" in settings(scenario):
         return scenario
     return f"{scenario}{',' if ':' in scenario else ':'}mocap_hz={_MOCAP_HZ}"
 

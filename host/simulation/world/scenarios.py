@@ -1,23 +1,14 @@
 """Scenarios: what is simulated, and how good its sensors are, with every figure in one place."""
 
 import zlib
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from host.errors import UserError
 from host.registry import SCENARIOS
+from host.simulation.world.settings import bounded, one_of, with_settings
 
 STACKS = ("none", "own", "all")
-
-
-def _one_of(words: tuple[str, ...]) -> Any:
-    return field(default=words[0], metadata={"words": words})
-
-
-def _bounded(default: Any, low: float, high: float) -> Any:
-    return field(default=default, metadata={"bounds": (low, high)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,64 +21,64 @@ class Scenario:
     """
 
     name: str
-    robots: int = _bounded(4, 1, 60)
-    posts: int = _bounded(2, 0, 60)
-    standing: int = _bounded(0, 0, 60)  # of the robots, the last ones never drive
-    pair_m: float = _bounded(0.0, 0.0, 0.4)  # robots 1 and 2 drive side by side, so far apart
-    at_edge: int = _bounded(0, 0, 1)  # 1: robot 0 stands at a wall and faces the middle
-    square_m: float = _bounded(0.0, 0.0, 10.0)  # robot 1 drives along a square of this side
-    chairs: int = _bounded(0, 0, 40)
-    tables: int = _bounded(0, 0, 20)
-    boxes: int = _bounded(0, 0, 40)  # every second one along a wall
-    box_height_m: float = _bounded(0.4, 0.2, 2.0)  # 0.3 and more hides what is behind a box
-    side_m: float = _bounded(3.0, 1.0, 20.0)
+    robots: int = bounded(4, 1, 60)
+    posts: int = bounded(2, 0, 60)
+    standing: int = bounded(0, 0, 60)  # of the robots, the last ones never drive
+    pair_m: float = bounded(0.0, 0.0, 0.4)  # robots 1 and 2 drive side by side, so far apart
+    at_edge: int = bounded(0, 0, 1)  # 1: robot 0 stands at a wall and faces the middle
+    square_m: float = bounded(0.0, 0.0, 10.0)  # robot 1 drives along a square of this side
+    chairs: int = bounded(0, 0, 40)
+    tables: int = bounded(0, 0, 20)
+    boxes: int = bounded(0, 0, 40)  # every second one along a wall
+    box_height_m: float = bounded(0.4, 0.2, 2.0)  # 0.3 and more hides what is behind a box
+    side_m: float = bounded(3.0, 1.0, 20.0)
     # Robots stay inside of a low wall, sensors look over it, furniture is outside; 0: none.
-    fence_m: float = _bounded(0.0, 0.0, 20.0)
-    seed: int = _bounded(0, 0, 2**32 - 1)
-    seconds: float = _bounded(120.0, 0.1, 7200.0)
-    speed_mps: float = _bounded(0.3, 0.0, 2.0)
+    fence_m: float = bounded(0.0, 0.0, 20.0)
+    seed: int = bounded(0, 0, 2**32 - 1)
+    seconds: float = bounded(120.0, 0.1, 7200.0)
+    speed_mps: float = bounded(0.3, 0.0, 2.0)
 
     # Which robots drive on their own stacks, from sensors to wheels, instead of scripted paths.
-    stacks: str = _one_of(STACKS)
+    stacks: str = one_of(STACKS)
     behaviour: str = field(default="walk", metadata={"words": None})  # and what they do
-    intruders: int = _bounded(0, 0, 59)  # the last ones are on scripted paths in any case
+    intruders: int = bounded(0, 0, 59)  # the last ones are on scripted paths in any case
 
     # Of ordinary errors in how the observing robot was built (`built`); 0: as its robot.toml says.
-    misbuilt: float = _bounded(0.0, 0.0, 3.0)
+    misbuilt: float = bounded(0.0, 0.0, 3.0)
 
-    lidar_turn_hz: float = _bounded(7.0, 6.0, 12.0)
-    lidar_delay_s: float = _bounded(0.0, 0.0, 1.0)
-    range_noise: float = _bounded(1.0, 0.0, 20.0)  # times the measured noise
-    dropout_share: float = _bounded(0.05, 0.0, 0.9)  # of all samples, in runs
-    dropout_run: float = _bounded(3.0, 1.0, 200.0)  # mean length of a run, samples
-    dark_wall_share: float = _bounded(0.17, 0.0, 1.0)  # of the wall's length gives no return
-    grazing_deg: float = _bounded(78.0, 0.0, 90.0)  # no return from a wall beyond this incidence
-    edge_mrad: float = _bounded(2.5, 0.0, 20.0)  # rim of a cylinder too narrow for the beam
-    mixed_share: float = _bounded(0.3, 0.0, 1.0)  # of the rim's samples fall behind the cylinder
-    interference_deg: float = _bounded(10.0, 0.0, 90.0)  # two X4s aiming at each other within
+    lidar_turn_hz: float = bounded(7.0, 6.0, 12.0)
+    lidar_delay_s: float = bounded(0.0, 0.0, 1.0)
+    range_noise: float = bounded(1.0, 0.0, 20.0)  # times the measured noise
+    dropout_share: float = bounded(0.05, 0.0, 0.9)  # of all samples, in runs
+    dropout_run: float = bounded(3.0, 1.0, 200.0)  # mean length of a run, samples
+    dark_wall_share: float = bounded(0.17, 0.0, 1.0)  # of the wall's length gives no return
+    grazing_deg: float = bounded(78.0, 0.0, 90.0)  # no return from a wall beyond this incidence
+    edge_mrad: float = bounded(2.5, 0.0, 20.0)  # rim of a cylinder too narrow for the beam
+    mixed_share: float = bounded(0.3, 0.0, 1.0)  # of the rim's samples fall behind the cylinder
+    interference_deg: float = bounded(10.0, 0.0, 90.0)  # two X4s aiming at each other within
 
-    camera_hz: float = _bounded(10.0, 0.1, 60.0)
-    camera_delay_s: float = _bounded(0.15, 0.0, 1.0)
-    camera_view_deg: float = _bounded(360.0, 10.0, 360.0)  # ahead; 360: all around
-    bearing_noise_deg: float = _bounded(5.0, 0.0, 45.0)
-    camera_detection: float = _bounded(0.9, 0.0, 1.0)  # close by, in plain view
-    camera_half_range_m: float = _bounded(3.0, 0.1, 20.0)
-    camera_steepness_per_m: float = _bounded(5.0, 0.1, 100.0)
-    strip_range_noise: float = _bounded(0.1, 0.0, 1.0)  # of the range, by a strip's size; 0: none
-    stereo: int = _bounded(0, 0, 1)  # 1: ranges by a stereo pair instead (`world.camera`)
-    false_blobs: float = _bounded(0.13, 0.0, 20.0)  # expected in an image pair
+    camera_hz: float = bounded(10.0, 0.1, 60.0)
+    camera_delay_s: float = bounded(0.15, 0.0, 1.0)
+    camera_view_deg: float = bounded(360.0, 10.0, 360.0)  # ahead; 360: all around
+    bearing_noise_deg: float = bounded(5.0, 0.0, 45.0)
+    camera_detection: float = bounded(0.9, 0.0, 1.0)  # close by, in plain view
+    camera_half_range_m: float = bounded(3.0, 0.1, 20.0)
+    camera_steepness_per_m: float = bounded(5.0, 0.1, 100.0)
+    strip_range_noise: float = bounded(0.1, 0.0, 1.0)  # of the range, by a strip's size; 0: none
+    stereo: int = bounded(0, 0, 1)  # 1: ranges by a stereo pair instead (`world.camera`)
+    false_blobs: float = bounded(0.13, 0.0, 20.0)  # expected in an image pair
     # 1: pictures are rendered and searched; of the above, they have the rate and the delay only.
-    rendered: int = _bounded(0, 0, 1)
+    rendered: int = bounded(0, 0, 1)
 
-    wheel_slip: float = _bounded(0.01, 0.0, 0.5)  # std of a wheel's relative slip
-    slip_seconds: float = _bounded(0.5, 0.02, 100.0)  # for which a slip lasts
+    wheel_slip: float = bounded(0.01, 0.0, 0.5)  # std of a wheel's relative slip
+    slip_seconds: float = bounded(0.5, 0.02, 100.0)  # for which a slip lasts
 
-    link_hz: float = _bounded(0.0, 0.0, 50.0)  # live: odometry that teammates send; 0: none
-    mocap_hz: float = _bounded(0.0, 0.0, 360.0)  # frames of motion capture; 0: there is none
-    mocap_noise_mm: float = _bounded(0.2, 0.0, 100.0)  # std of a body's place, per axis
-    mocap_noise_deg: float = _bounded(0.1, 0.0, 10.0)  # and of its heading
+    link_hz: float = bounded(0.0, 0.0, 50.0)  # live: odometry that teammates send; 0: none
+    mocap_hz: float = bounded(0.0, 0.0, 360.0)  # frames of motion capture; 0: there is none
+    mocap_noise_mm: float = bounded(0.2, 0.0, 100.0)  # std of a body's place, per axis
+    mocap_noise_deg: float = bounded(0.1, 0.0, 10.0)  # and of its heading
     # So far beside its turret, whichever way, a teammate's body has its pivot.
-    pivot_m: float = _bounded(0.0, 0.0, 0.1)
+    pivot_m: float = bounded(0.0, 0.0, 0.1)
 
     def generator(self, purpose: str) -> np.random.Generator:
         """Return the random numbers of one purpose: others neither shift nor share them."""
@@ -166,57 +157,4 @@ def parse_scenario(text: str) -> Scenario:
     """
     name = text.partition(":")[0]
     scenario: Scenario = SCENARIOS.get(name)
-    changes: dict[str, Any] = {
-        key: _value(key, value, text) for key, value in settings(text).items()
-    }
-    return replace(scenario, **changes)
-
-
-def settings(text: str) -> dict[str, str]:
-    """Return what a scenario as users write it sets itself. Raises UserError on a repetition."""
-    found: dict[str, str] = {}
-    given = text.partition(":")[2]
-    for setting in given.split(",") if given else ():
-        key, _, value = (part.strip() for part in setting.partition("="))
-        if key in found:
-            raise UserError(f"scenario {text!r} sets {key} twice", "", "keep one of the two")
-        found[key] = value
-    return found
-
-
-def _value(key: str, value: str, text: str) -> int | float | str:
-    known = {f.name: f for f in fields(Scenario) if f.metadata}
-    if key not in known:
-        raise UserError(
-            f"scenario {text!r} has no setting {key!r}",
-            f"known: {', '.join(sorted(known))}",
-            "write settings as in arena4:seconds=60,seed=1",
-        )
-    if "words" in known[key].metadata:
-        return _word(key, value, text, known[key].metadata["words"])
-    low, high = known[key].metadata["bounds"]
-    kind = int if known[key].type is int else float
-    try:
-        number = kind(value)
-    except ValueError:
-        number = None
-    # Written so that nan, which compares false with everything, is refused too.
-    if number is None or not low <= number <= high:
-        what = "a whole number" if kind is int else "a number"
-        raise UserError(
-            f"scenario {text!r}: {key} cannot be {value!r}",
-            f"it is {what} from {low} to {high}",
-            f"write it as in {key}={known[key].default}",
-        )
-    return number
-
-
-def _word(key: str, value: str, text: str, words: tuple[str, ...] | None) -> str:
-    """words: the only ones there are; None: whoever uses it knows them."""
-    if words is not None and value not in words:
-        raise UserError(
-            f"scenario {text!r}: {key} cannot be {value!r}",
-            f"it is one of {', '.join(words)}",
-            f"write it as in {key}={words[-1]}",
-        )
-    return value
+    return with_settings(scenario, text)

@@ -9,13 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from host.errors import UserError
 from host.geometry import to_frame, wrap
 from host.messages import Displacement, FloatArray, Positions
+from host.simulation.world.settings import bounded
 
 STEP_S = 0.04  # the camera's 25 Hz
 _SPEED_MPS, _MOST_RADPS = 0.2, 1.0
 _COMMAND_STEPS = 50
 _APART_M = 0.35  # robots turn away from each other, false things are that far from robots
+_MOST_TRIES = 3_000  # of random places, before all have one
 _SWAY_S = (3.1, 2.3)  # periods of roll and pitch
 _DRIFT_MPS, _YAW_RADPS = 0.05, 0.1
 _TILT_SIGMA_RAD, _HEIGHT_SIGMA_M = 0.005, 0.01
@@ -34,25 +37,32 @@ class OverheadScenario:
     that never drive, the last ones.
     """
 
-    robots: int = 3
-    seconds: float = 20.0
-    seed: int = 1
-    radius_m: float = 1.3
-    height_m: float = 2.5
-    half_view_rad: float = 0.65
-    tilt_rad: float = 0.1
-    point_sigma: float = 0.006
-    detection: float = 0.9
-    false_things: int = 1
-    clutter: float = 0.05
-    alike_s: float = 0.0
-    standing: int = 0
+    robots: int = bounded(3, 1, 60)
+    seconds: float = bounded(20.0, 1.0, 7200.0)
+    seed: int = bounded(1, 0, 2**32 - 1)
+    radius_m: float = bounded(1.3, 0.2, 20.0)
+    height_m: float = bounded(2.5, 0.3, 20.0)
+    half_view_rad: float = bounded(0.65, 0.2, 1.4)
+    tilt_rad: float = bounded(0.1, 0.0, 0.15)
+    point_sigma: float = bounded(0.006, 1e-4, 0.1)
+    detection: float = bounded(0.9, 0.05, 0.99)
+    false_things: int = bounded(1, 0, 20)
+    clutter: float = bounded(0.05, 0.0, 20.0)
+    alike_s: float = bounded(0.0, 0.0, 7200.0)
+    standing: int = bounded(0, 0, 59)
 
 
 class Overhead:
     """truth(step): poses (n, 3) of the robots in the frame below the observer."""
 
     def __init__(self, scenario: OverheadScenario) -> None:
+        """Raises UserError where no robot drives, or where not all find a place."""
+        if scenario.standing >= scenario.robots:
+            raise UserError(
+                f"standing={scenario.standing} of {scenario.robots} robots cannot be scored",
+                "no robot drives, so that no odometry tells one from the others",
+                "choose a smaller standing",
+            )
         self.scenario = scenario
         self.steps = round(scenario.seconds / STEP_S)
         self._random = np.random.default_rng(scenario.seed)
@@ -109,12 +119,18 @@ class Overhead:
     def _places(self, count: int) -> FloatArray:
         """(count, 2) m in the disc, none near another."""
         places: list[FloatArray] = []
-        while len(places) < count:
+        for _ in range(_MOST_TRIES):
+            if len(places) == count:
+                return self.scenario.radius_m * np.array(places)
             place = self._random.uniform(-1.0, 1.0, 2)
             apart = [np.hypot(*(place - other)) * self.scenario.radius_m for other in places]
             if np.hypot(*place) < 0.9 and all(distance > _APART_M for distance in apart):
                 places.append(place)
-        return self.scenario.radius_m * np.array(places)
+        raise UserError(
+            f"{count} robots and false things do not fit into a disc of {self.scenario.radius_m} m",
+            f"they stand {_APART_M} m from each other",
+            "choose fewer robots or false_things, or a larger radius_m",
+        )
 
     def _drive(self, places: FloatArray) -> FloatArray:
         """(steps + 1, n, 3) on the floor: random arcs, away from others and from the rim."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.messages import FloatArray
+from host.simulation.world.settings import bounded
 from host.systems.particles.kalman import RangeKalman
 from host.systems.particles.particle_filter import ParticleFilter, ParticleSettings
 from host.systems.particles.start import trilaterate
@@ -21,13 +22,13 @@ class IntruderScenario:
     sigma_m: of a distance. outlier: share of distances that are anything up to 5 m.
     """
 
-    robots: int = 6
-    seconds: float = 60.0
-    seed: int = 1
-    radius_m: float = 1.2
-    speed_mps: float = 0.15
-    sigma_m: float = 0.1
-    outlier: float = 0.0
+    robots: int = bounded(6, 3, 60)
+    seconds: float = bounded(60.0, 3.0, 7200.0)
+    seed: int = bounded(1, 0, 2**32 - 1)
+    radius_m: float = bounded(1.2, 0.1, 20.0)
+    speed_mps: float = bounded(0.15, 0.0, 2.0)
+    sigma_m: float = bounded(0.1, 0.001, 1.0)
+    outlier: float = bounded(0.0, 0.0, 0.9)
 
 
 def tracked(scenario: IntruderScenario) -> dict[str, dict[str, float]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from host.geometry import Path, on_rays, to_frame, wrap
 from host.messages import Displacement, FloatArray, Positions
+from host.simulation.world.settings import bounded, one_of
 from host.systems.swarm_ukf.joint_map import Neighbours, Reading
 from host.systems.swarm_ukf.scoring import Event, laid, score_swarm
 from host.systems.swarm_ukf.start import TimedReading, carried, direct_estimate
@@ -26,7 +27,6 @@ _UNBIASED = math.exp(_BEARING_SIGMA_RAD**2 / 2.0)
 _NEAREST_M = 0.15  # nearer, the receiver saturates
 _SPEED_MPS, _ROTATION_RADPS = 0.03, 0.6
 _COMMAND_STEPS = 90
-FORMATIONS = ("wander", "circle", "line")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +37,14 @@ class SwarmScenario:
     range_gain: of each range that is reported to the true one, the calibration error of his line.
     """
 
-    robots: int = 5
-    seconds: float = 60.0
-    seed: int = 1
-    formation: str = "wander"
-    radius_m: float = 0.8
-    reach_m: float = 1.8
-    range_sigma_m: float = 0.03
-    range_gain: float = 1.0
+    robots: int = bounded(5, 2, 60)
+    seconds: float = bounded(60.0, 3.0, 7200.0)
+    seed: int = bounded(1, 0, 2**32 - 1)
+    formation: str = one_of(("wander", "circle", "line"))
+    radius_m: float = bounded(0.8, 0.1, 20.0)
+    reach_m: float = bounded(1.8, 0.2, 20.0)
+    range_sigma_m: float = bounded(0.03, 0.001, 1.0)
+    range_gain: float = bounded(1.0, 0.5, 2.0)
 
 
 class SimulatedSwarm:

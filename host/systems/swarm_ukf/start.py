@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from host.geometry import Path, rotation, to_frame, to_parent
-from host.messages import Displacement, FloatArray
+from host.messages import Displacement, FloatArray, IntArray
 from host.systems.swarm_ukf.joint_map import Reading, aligned_with_truth
 
 MOST_SIGMA_M = 0.5  # worse known, a robot counts as not observable
@@ -94,8 +94,8 @@ class CarriedReadings:
     """
 
     count: int
-    observers: FloatArray
-    seen: FloatArray
+    observers: IntArray
+    seen: IntArray
     points: FloatArray
     places: FloatArray
     roots: FloatArray
@@ -157,7 +157,7 @@ class CarriedReadings:
         slopes[rows, :, self.seen, :2] = turned
         slopes[rows, :, self.seen, 2] = np.einsum("mij,mj->mi", turned, arms[:, ::-1] * (-1.0, 1.0))
         return np.asarray(
-            np.einsum("mij,mjnk->mink", self.roots, slopes).reshape(2 * len(rows), -1)
+            np.einsum("mij,mjnk->mink", self.roots, slopes).reshape(2 * len(rows), 3 * self.count)
         )
 
 
@@ -184,11 +184,11 @@ def carried(
         roots.append(np.linalg.cholesky(np.linalg.inv(covariance)).T)
     return CarriedReadings(
         len(paths),
-        np.array([timed.reading.observer for timed in readings]),
-        np.array([timed.reading.seen for timed in readings]),
-        np.array(points),
-        np.array(places),
-        np.array(roots),
+        np.array([timed.reading.observer for timed in readings], dtype=np.int64),
+        np.array([timed.reading.seen for timed in readings], dtype=np.int64),
+        np.array(points).reshape(-1, 2),
+        np.array(places).reshape(-1, 2),
+        np.array(roots).reshape(-1, 2, 2),
     )
 
 
