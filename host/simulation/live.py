@@ -17,7 +17,6 @@ import tty
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -30,6 +29,7 @@ from host.simulation.devices.catalogue import Emulator
 from host.simulation.devices.link_senders import LinkSenders
 from host.simulation.devices.live_cameras import LiveCameras
 from host.simulation.devices.natnet_server import NatNetServer
+from host.simulation.devices.workers import Workers
 from host.simulation.live_bearings import CAMERA, LiveCamera
 from host.simulation.offline import Simulation
 from host.simulation.pictures.render import Surroundings
@@ -100,7 +100,7 @@ class Terminal:
                 os.write(self._master, data)
 
 
-class LiveSimulation:
+class LiveSimulation(Workers):
     """A scenario that runs by the clock, with the devices of its robot plugged in and out.
 
     unplugged: by "lidar", "board" or "camera" (both), the intervals (s since the start) without it.
@@ -132,67 +132,62 @@ class LiveSimulation:
         self.clock = clock
         self._start = clock()
         self._lock = threading.Lock()
-        self._stop = threading.Event()
         self._failure: UserError | None = None
-        self._pump = threading.Thread(target=self._run, name="simulation", daemon=True)
-        self._folder = tempfile.TemporaryDirectory(prefix="swarmloc-")
-        folder = Path(self._folder.name)
-        self._ports: dict[str, tuple[Terminal, Emulator]] = {
-            # The board first: its motors move what the lidar sees.
-            BOARD: (Terminal(folder / BOARD), self._simulation.board),
-            LIDAR: (Terminal(folder / LIDAR), self._simulation.lidar),
-        }
-        known = self._simulation.config
-        self.config = _with_ports(
-            known, {name: port.path for name, (port, _) in self._ports.items()}
-        )
+        self.config = self._simulation.config
         self.camera = LiveCamera(self)
-        self._pictures: LiveCameras | None = None
+        with contextlib.ExitStack() as opened:
+            folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="swarmloc-")))
+            self._ports: dict[str, tuple[Terminal, Emulator]] = {
+                # The board first: its motors move what the lidar sees.
+                BOARD: (Terminal(folder / BOARD), self._simulation.board),
+                LIDAR: (Terminal(folder / LIDAR), self._simulation.lidar),
+            }
+            for name, (terminal, _) in self._ports.items():
+                opened.callback(terminal.unplug)
+                self._configure(name, port=str(terminal.path))
+            self._others = self._other_devices(scenario, folder)
+            super().__init__({"simulation": self._run}, opened)
+
+    def _other_devices(self, scenario: Scenario, folder: Path) -> list[Workers]:
+        """Cameras, motion capture and other robots' radios, as far as the scenario has them."""
+        others: list[Workers] = []
         if scenario.rendered:
-            nominal, true = self.config.camera, self._simulation.built.camera
-            absent = functools.partial(self.absent, CAMERA)
-            self._pictures = LiveCameras(
-                folder, scenario, nominal, true, self._surroundings, clock, absent
+            pictures = LiveCameras(
+                folder,
+                scenario,
+                self.config.camera,
+                self._simulation.built.camera,
+                self._surroundings,
+                self.clock,
+                lambda: self._start,
+                functools.partial(self.absent, CAMERA),
             )
-            self.config = self.config.model_copy(update={"camera": self._pictures.camera})
-        self._running = contextlib.ExitStack()
-        self._mocap: NatNetServer | None = None
+            self.config = self.config.model_copy(update={"camera": pictures.camera})
+            others.append(pictures)
         if scenario.mocap_hz:
-            self._mocap = NatNetServer(self._bodies, scenario.mocap_hz, clock)
-            mocap = {"source": "natnet", "natnet": self._mocap.config}
-            mocap_config = self.config.mocap.model_copy(update=mocap)
-            self.config = self.config.model_copy(update={"mocap": mocap_config})
-        self._link: LinkSenders | None = None
+            server = NatNetServer(self._bodies, scenario.mocap_hz, self.clock)
+            self._configure("mocap", source="natnet", natnet=server.config)
+            others.append(server)
         if scenario.link_hz:
-            self._link = LinkSenders(self._floor_poses, scenario.link_hz, scenario.seed, clock)
-            self.config = self.config.model_copy(update={"link": self._link.settings})
+            link = LinkSenders(self._floor_poses, scenario.link_hz, scenario.seed, self.clock)
+            self.config = self.config.model_copy(update={"link": link.settings})
+            others.append(link)
+        return others
+
+    def _configure(self, section: str, **values: object) -> None:
+        changed = getattr(self.config, section).model_copy(update=values)
+        self.config = self.config.model_copy(update={section: changed})
 
     def __enter__(self) -> Self:
         self._start = self.clock()
         self._plug(0.0)
-        self._pump.start()
-        if self._pictures is not None:
-            self._pictures.start(self._start)
-        if self._mocap is not None:
-            self._running.enter_context(self._mocap)
-        if self._link is not None:
-            self._running.enter_context(self._link)
+        super().__enter__()
+        for each in self._others:
+            self._opened.enter_context(each)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._stop.set()
-        self._pump.join()
-        if self._pictures is not None:
-            self._pictures.stop()
-        self._running.close()
-        for terminal, _ in self._ports.values():
-            terminal.unplug()
-        self._folder.cleanup()
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        super().__exit__(kind, error, traceback)
         if self._failure is not None and error is None:
             raise self._failure
 
@@ -271,8 +266,6 @@ class LiveSimulation:
     def _stand_still(self, seconds: float) -> None:
         """Leave out a time in which nothing could be simulated, for the world and all in it."""
         self._start += seconds
-        if self._pictures is not None:
-            self._pictures.stand_still(seconds)
 
     def absent(self, name: str, time: float) -> bool:
         """Whether a device is unplugged at `time` (host, s)."""
@@ -288,9 +281,3 @@ class LiveSimulation:
                 terminal.plug()
                 if name == LIDAR:  # it has no power of its own and restarts
                     device.receive(self._simulation.lidar_entry.power_on, now)
-
-
-def _with_ports(config: RobotConfig, ports: Mapping[str, Path]) -> RobotConfig:
-    lidar = config.lidar.model_copy(update={"port": str(ports[LIDAR])})
-    board = config.board.model_copy(update={"port": str(ports[BOARD])})
-    return config.model_copy(update={"lidar": lidar, "board": board})

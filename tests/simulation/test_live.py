@@ -3,6 +3,7 @@
 import errno
 import os
 import stat
+import tempfile
 import termios
 import threading
 import time
@@ -22,6 +23,7 @@ from host.drivers.x4.packets import BAUDRATE
 from host.drivers.x4.protocol import ScanDecoder
 from host.errors import UserError
 from host.messages import Bearings, Bodies, Displacement, Health, Message, Scan
+from host.simulation import live as live_simulation
 from host.simulation.devices.board import BoardKind, best_board
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
 from host.simulation.live import LiveSimulation, Terminal
@@ -221,6 +223,21 @@ def test_only_known_devices_can_be_unplugged() -> None:
     with pytest.raises(UserError, match="lidar, board") as caught:
         LiveSimulation(ARENA, RobotConfig(), {"lidr": [(0.0, 1.0)]})
     assert "lidar=2-4" in caught.value.next_step
+
+
+def test_what_cannot_be_made_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def in_use(*_: object) -> None:
+        raise OSError(errno.EADDRINUSE, "Address already in use")
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(live_simulation, "NatNetServer", in_use)
+    scenario = parse_scenario("arena4:seed=2,mocap_hz=50")
+    with pytest.raises(OSError, match="Address already in use") as failed:
+        LiveSimulation(scenario, RobotConfig())
+    assert not list(tmp_path.iterdir())
+    assert failed.traceback  # which keeps alive what is not closed
 
 
 def test_motion_capture_is_a_server_that_the_real_client_reads() -> None:

@@ -1,12 +1,11 @@
 """The simulated teammates' radios: signed odometry, by UDP to this computer."""
 
+import contextlib
 import math
 import secrets
 import socket
-import threading
 import time
 from collections.abc import Callable
-from typing import Self
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from host.config import LinkSettings
 from host.drivers.link.protocol import Report, encode
 from host.geometry import to_frame, to_parent
 from host.messages import FloatArray
+from host.simulation.devices.workers import Workers
 
 Poses = Callable[[float], FloatArray]
 
@@ -25,7 +25,7 @@ _POLL_S = 0.01
 _ADDRESS = "127.0.0.1"
 
 
-class LinkSenders:
+class LinkSenders(Workers):
     """Send while the `with` block lasts. settings: what a listener needs.
 
     poses: host time (s) → poses (n, 3) of all robots on the floor, the listener first; called from
@@ -42,7 +42,9 @@ class LinkSenders:
         self._poses = poses
         self._clock = clock
         self._random = np.random.default_rng(seed)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        with contextlib.ExitStack() as opened:
+            self._socket = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            super().__init__({"link senders": self._run}, opened)
         self.settings = LinkSettings(
             robot=OBSERVER,
             key=secrets.token_hex(16),
@@ -56,17 +58,6 @@ class LinkSenders:
         self._before: FloatArray | None = None  # true poses at the last datagram
         self._totals = np.zeros((0, 3))  # of the odometry
         self._gains = np.ones((0, 2))
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="link senders", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._socket.close()
 
     def _run(self) -> None:
         pending: list[tuple[float, bytes]] = []

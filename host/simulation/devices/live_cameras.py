@@ -1,6 +1,7 @@
 """The cameras of a running simulation: streams of rendered JPEGs in named pipes."""
 
 import contextlib
+import functools
 import math
 import os
 import select
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from host.config import Camera, Cameras
+from host.simulation.devices.workers import Workers
 from host.simulation.pictures.render import Renderer, Surroundings
 from host.simulation.world.scenarios import Scenario
 
@@ -52,12 +54,13 @@ class PictureFeed:
             self._handle = None
 
 
-class LiveCameras:
+class LiveCameras(Workers):
     """Front and rear camera, each a thread that sends its pictures when they would arrive.
 
     surroundings(time): what is around the robot at `time`, s since the start. folder: where the
     pipes are made. known: the cameras as the host knows them, which with the pipes for sources is
-    `camera`; true: as they are. absent(time): are both unplugged then (host, s)?
+    `camera`; true: as they are. start(): host time (s) of time 0, later where the simulation was
+    paused. absent(time): are both unplugged then (host, s)?
     """
 
     def __init__(
@@ -68,14 +71,14 @@ class LiveCameras:
         true: Cameras,
         surroundings: Callable[[float], Surroundings],
         clock: Callable[[], float],
+        start: Callable[[], float],
         absent: Callable[[float], bool] = lambda now: False,
     ) -> None:
         self._absent = absent
         self._scenario = scenario
         self._surroundings = surroundings
         self._clock = clock
-        self._start = 0.0
-        self._stop = threading.Event()
+        self._start = start
         self._true = true
         self._pipes = {name: PictureFeed(folder / f"{name}.mjpeg") for name in (FRONT, REAR)}
         changes = {
@@ -85,30 +88,14 @@ class LiveCameras:
             for name, camera in ((FRONT, known.front), (REAR, known.rear))
         }
         self.camera = known.model_copy(update=changes)
-        self._threads = [
-            threading.Thread(
-                target=self._run, args=(name, camera), name=f"{name} camera", daemon=True
-            )
-            for name, camera in ((FRONT, true.front), (REAR, true.rear))
-        ]
-
-    def start(self, start: float) -> None:
-        """Begin, with the scenario's time 0 at `start` of the clock."""
-        self._start = start
-        for thread in self._threads:
-            thread.start()
-
-    def stand_still(self, seconds: float) -> None:
-        """Leave out a time in which the simulation was paused."""
-        self._start += seconds
-
-    def stop(self) -> None:
-        """End both streams."""
-        self._stop.set()
-        for thread in self._threads:
-            thread.join()
+        opened = contextlib.ExitStack()
         for pipe in self._pipes.values():
-            pipe.close()
+            opened.callback(pipe.close)
+        works = {
+            f"{name} camera": functools.partial(self._run, name, camera)
+            for name, camera in ((FRONT, true.front), (REAR, true.rear))
+        }
+        super().__init__(works, opened)
 
     def _run(self, name: str, camera: Camera) -> None:
         pipe = self._pipes[name]
@@ -117,9 +104,10 @@ class LiveCameras:
         number = -1
         while not self._stop.is_set():
             # Where painting or reading takes too long, pictures are left out, as cameras do.
-            late = self._clock() - self._start - delay
+            start = self._start()
+            late = self._clock() - start - delay
             number = max(number + 1, math.ceil(late / period))
-            arrival = self._start + number * period + delay
+            arrival = start + number * period + delay
             if self._absent(arrival):
                 pipe.close()  # whoever reads comes to its end, as of a device that is gone
                 if self._stop.wait(period):

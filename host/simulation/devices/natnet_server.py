@@ -1,11 +1,12 @@
 """A motion capture server that answers and streams as Motive does, for simulated bodies."""
 
+import contextlib
 import math
 import socket
 import threading
 import time
 from collections.abc import Callable
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from host.drivers.natnet.protocol import (
     split,
 )
 from host.messages import Bodies, FloatArray, IntArray
+from host.simulation.devices.workers import Workers
 
 Poses = Callable[[float], tuple[IntArray, FloatArray]]
 
@@ -36,7 +38,7 @@ _FORGET_CLIENT_S = 10.0
 _WAIT_S = 0.05
 
 
-class NatNetServer:
+class NatNetServer(Workers):
     """Streams while its `with` block lasts. config: what a client needs to reach it.
 
     poses: host time (s) → identities (n,) and planar poses (n, 3) of bodies in the floor's frame,
@@ -64,15 +66,19 @@ class NatNetServer:
         self._rate_hz = rate_hz
         self._clock = clock
         self._version = version
-        self._stop = threading.Event()
         self._clients: dict[tuple[str, int], float] = {}  # and when they were last heard
         self._lock = threading.Lock()
-        self._command = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._data = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._command.bind((address, command_port))
-        self._command.settimeout(_WAIT_S)
-        self._data.bind((address, 0))
-        self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+        with contextlib.ExitStack() as opened:
+            self._command = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            self._data = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            self._command.bind((address, command_port))
+            self._command.settimeout(_WAIT_S)
+            self._data.bind((address, 0))
+            interface = socket.inet_aton(address)
+            self._data.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+            super().__init__(
+                {"natnet answers": self._answer, "natnet frames": self._stream}, opened
+            )
         self.config = NatNet(
             server=address,
             connection=connection,
@@ -82,22 +88,6 @@ class NatNetServer:
             data_port=data_port or self._data.getsockname()[1],
             up=up,
         )
-        self._threads = [
-            threading.Thread(target=work, name=name, daemon=True)
-            for work, name in ((self._answer, "natnet answers"), (self._stream, "natnet frames"))
-        ]
-
-    def __enter__(self) -> Self:
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        for thread in self._threads:
-            thread.join()
-        self._command.close()
-        self._data.close()
 
     def ticks(self, host_time: float) -> int:
         """This server's clock at a host time (s)."""

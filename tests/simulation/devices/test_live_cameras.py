@@ -44,10 +44,11 @@ def passing(when: float) -> Surroundings:
 @pytest.fixture
 def streams(tmp_path: Path) -> Iterator[LiveCameras]:
     scenario = Scenario(name="test", camera_hz=10.0, camera_delay_s=0.2)
-    cameras = LiveCameras(tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic)
-    cameras.start(time.monotonic())
-    yield cameras
-    cameras.stop()
+    start = time.monotonic()
+    with LiveCameras(
+        tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic, lambda: start
+    ) as cameras:
+        yield cameras
 
 
 def test_a_pipe_without_a_reader_takes_nothing_and_blocks_nobody(tmp_path: Path) -> None:
@@ -99,21 +100,21 @@ def test_pictures_come_no_earlier_than_they_would_and_show_when_they_were_taken(
     tmp_path: Path,
 ) -> None:
     scenario = Scenario(name="test", camera_hz=10.0, camera_delay_s=0.2)
-    cameras = LiveCameras(tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic)
     start = time.monotonic()
-    cameras.start(start)
-    reader = os.open(cameras.camera.front.source, os.O_RDONLY)
     finder = StripFinder(CAMERAS, SMALL)
     taken = []
-    for jpeg, _ in zip(pictures(reader), range(6), strict=False):
-        arrived = time.monotonic() - start
-        bearings = finder.find(jpeg, 0.0)
-        assert bearings is not None
-        (bearing,) = bearings.bearings
-        taken.append(0.95 * math.tan(bearing) / 0.1)  # s
-        assert taken[-1] + 0.2 < arrived + 0.03  # which the bearing's error makes up
-    os.close(reader)
-    cameras.stop()
+    with LiveCameras(
+        tmp_path, scenario, CAMERAS, CAMERAS, passing, time.monotonic, lambda: start
+    ) as cameras:
+        reader = os.open(cameras.camera.front.source, os.O_RDONLY)
+        for jpeg, _ in zip(pictures(reader), range(6), strict=False):
+            arrived = time.monotonic() - start
+            bearings = finder.find(jpeg, 0.0)
+            assert bearings is not None
+            (bearing,) = bearings.bearings
+            taken.append(0.95 * math.tan(bearing) / 0.1)  # s
+            assert taken[-1] + 0.2 < arrived + 0.03  # which the bearing's error makes up
+        os.close(reader)
     assert len(taken) == 6
     periods = np.diff(taken) / 0.1
     assert np.all(periods > 0.5)
