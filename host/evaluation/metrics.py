@@ -157,8 +157,7 @@ class Accumulator:
         self._nearest.append(nearest(truth, positions))
         everyone = truth if teammates is None else teammates
         self._stray.append(int(np.sum(nearest(positions, everyone) > OVER_M)))
-        weighted = np.linalg.solve(estimate.covariances[j], errors[:, :, None])[:, :, 0]
-        self._nees.append(np.sum(errors * weighted, axis=1) / 2.0)
+        self._nees.append(_nees(errors, estimate.covariances[j]))
         if not math.isnan(self._last_time):
             self.seconds += estimate.time - self._last_time
         self._last_time = estimate.time
@@ -202,12 +201,12 @@ class Accumulator:
             stray=_mean(self._stray),
             time_over_30cm=_mean(farther > OVER_M),
             rmse_m=math.sqrt(_mean(distances**2)),
-            p67_m=_percentile(distances, 67.0),
+            p67_m=percentile(distances, 67.0),
             cardinality_error=false - missed,
             label_changes=label_changes(self.instants, self.c),
             anees=_mean(np.concatenate([*self._nees, np.zeros(0)])),
-            update_ms_median=_percentile(update_ms, 50.0),
-            update_ms_p99=_percentile(update_ms, 99.0),
+            update_ms_median=percentile(update_ms, 50.0),
+            update_ms_p99=percentile(update_ms, 99.0),
         )
 
 
@@ -240,6 +239,16 @@ def nearest(truth: FloatArray, estimates: FloatArray) -> FloatArray:
     return np.asarray(np.min(distances, axis=1, initial=math.inf))
 
 
+def _nees(errors: FloatArray, covariances: FloatArray) -> FloatArray:
+    """e^T P^-1 e / 2 (n,) of errors (n, 2) m, covariances (n, 2, 2) m²; inf where P is singular."""
+    found = np.full(len(errors), math.inf)
+    sound = np.linalg.det(covariances) > 0.0
+    errors = errors[sound]
+    weighted = np.linalg.solve(covariances[sound], errors[:, :, None])[:, :, 0]
+    found[sound] = np.sum(errors * weighted, axis=1) / 2.0
+    return found
+
+
 def _or_null(value: str | float) -> str | float | None:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
@@ -248,5 +257,6 @@ def _mean(values: FloatArray | NDArray[np.bool_] | list[float] | list[int]) -> f
     return float(np.mean(values)) if len(values) else math.nan
 
 
-def _percentile(values: FloatArray, percent: float) -> float:
+def percentile(values: FloatArray, percent: float) -> float:
+    """Of values (n,); nan for none."""
     return float(np.percentile(values, percent)) if len(values) else math.nan

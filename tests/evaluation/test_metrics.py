@@ -136,6 +136,18 @@ def test_anees_is_one_for_errors_of_the_stated_covariance():
     assert scored.row("", "", "", "").anees == pytest.approx(1.0, abs=0.05)
 
 
+def test_an_estimate_that_claims_to_be_exact_is_scored():
+    """A filter of one's own may give no covariance: overconfident without bound, not a fault."""
+    scored, truth = Accumulator(), np.array([[0.0, 0.0], [2.0, 0.0]])
+    for sigma in (0.0, 0.1):
+        guess = an_estimate(truth + 0.1, time=sigma, sigma=sigma)
+        scored.add(truth, np.zeros((0, 2)), guess)
+    row = scored.row("", "", "", "")
+    assert row.anees == math.inf
+    assert row.as_json()["anees"] is None
+    assert row.rmse_m == pytest.approx(math.hypot(0.1, 0.1))
+
+
 def test_pooling_is_the_same_as_one_run():
     generator = np.random.default_rng(2)
     together, parts = Accumulator(), [Accumulator(), Accumulator()]
