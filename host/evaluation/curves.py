@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from host.evaluation.metrics import OVER_M, Instant, nearest
+from host.evaluation.metrics import OVER_M, Instant, nearest, percentile
 from host.geometry import wrap
 from host.messages import FloatArray, IntArray
 
@@ -40,6 +40,16 @@ class PairErrors(NamedTuple):
     errors: FloatArray
     distances: FloatArray
     bearings: FloatArray
+
+    @property
+    def rmse_m(self) -> float:
+        """Root mean square error, m; nan without a pair."""
+        return math.sqrt(float(np.mean(self.errors**2))) if len(self.errors) else math.nan
+
+    @property
+    def p67_m(self) -> float:
+        """67th percentile of the errors, m (Belaroussi 2024, section 6.2.1); nan without a pair."""
+        return percentile(self.errors, 67.0)
 
 
 class Bins(NamedTuple):

@@ -3,16 +3,12 @@
 import math
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
-from host.calibration.result import ReportPicture, Series
+from host.calibration.result import ReportPicture
 from host.evaluation import curves
 from host.evaluation.curves import Bins, PairErrors
-from host.experiments.paper_figure import Cell, PaperFigure, label
-from host.messages import FloatArray
+from host.experiments.paper_figure import Cell, PaperFigure, label, line
 from host.sessions.offline.evaluating import Scored
 
-PERCENT = 67.0
 GOSPA_BIN_S = 5.0
 
 
@@ -32,10 +28,7 @@ Found = dict[tuple[str, str], PairErrors]
 def _measures(found: Found) -> PaperFigure:
     rows: list[list[Cell]] = []
     for (name, sensors), pairs in found.items():
-        errors = pairs.errors if len(pairs.errors) else np.array([math.nan])
-        rms = math.sqrt(float(np.mean(errors**2)))
-        p67 = float(np.percentile(errors, PERCENT))
-        rows.append([name, sensors, len(pairs.errors), rms, p67])
+        rows.append([name, sensors, len(pairs.errors), pairs.rmse_m, pairs.p67_m])
     return PaperFigure("rmse_and_p67", ("filter", "sensors", "pairs", "RMSE m", "p67 m"), rows)
 
 
@@ -45,7 +38,7 @@ def _cumulative(found: Found) -> PaperFigure:
     for (name, sensors), pairs in found.items():
         edges, shares = curves.cumulative(pairs.errors)
         rows += [[name, sensors, float(e), float(s)] for e, s in zip(edges, shares, strict=True)]
-        series.append(_line(edges, shares, label(name, sensors)))
+        series.append(line(edges, shares, label(name, sensors)))
     return PaperFigure(
         "cumulative_error",
         ("filter", "sensors", "error m", "share of pairs"),
@@ -74,7 +67,7 @@ def _binned(
         middles = scale * bins.middles
         for middle, count, rms in zip(middles, bins.counts, bins.rms_m, strict=True):
             rows.append([name, sensors, float(middle), int(count), float(rms)])
-        series.append(_line(middles, bins.rms_m, label(name, sensors)))
+        series.append(line(middles, bins.rms_m, label(name, sensors)))
     return PaperFigure(
         f"error_over_{what}",
         ("filter", "sensors", axis, "pairs", "RMSE m"),
@@ -94,7 +87,7 @@ def _gospa(scored: Scored) -> PaperFigure:
     for (name, sensors), each in scored.scores.items():
         times, means = curves.gospa_over_time(each.instants, GOSPA_BIN_S)
         rows += [[name, sensors, float(t), float(m)] for t, m in zip(times, means, strict=True)]
-        series.append(_line(times, means, label(name, sensors)))
+        series.append(line(times, means, label(name, sensors)))
     return PaperFigure(
         "gospa_over_time",
         ("filter", "sensors", "time s", "GOSPA m"),
@@ -106,7 +99,3 @@ def _gospa(scored: Scored) -> PaperFigure:
             series=tuple(series),
         ),
     )
-
-
-def _line(x: FloatArray, y: FloatArray, name: str) -> Series:
-    return Series(x=x, y=y, label=name, style="line")

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from host.calibration.report import diagram
-from host.calibration.result import ReportPicture
+from host.calibration.result import ReportPicture, Series
 from host.errors import UserError
+from host.messages import FloatArray
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
 SHORT = {LIDAR_ONLY: "LO", LIDAR_AND_CAMERA: "LC"}  # as the thesis calls them
@@ -28,6 +29,11 @@ class PaperFigure(NamedTuple):
 def label(filter_name: str, sensors: str) -> str:
     """What a curve is called: `phd LC`."""
     return f"{filter_name} {SHORT.get(sensors, sensors)}"
+
+
+def line(x: FloatArray, y: FloatArray, name: str) -> Series:
+    """A curve through points (n,), (n,)."""
+    return Series(x=x, y=y, label=name, style="line")
 
 
 def write(figure: PaperFigure, folder: Path, draw: bool) -> None:

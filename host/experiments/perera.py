@@ -9,7 +9,7 @@ import numpy as np
 from host.calibration.result import ReportPicture, Series
 from host.evaluation.curves import nearest_errors, time_over, weight_sums
 from host.evaluation.metrics import Instant
-from host.experiments.paper_figure import SHORT, Cell, PaperFigure, label
+from host.experiments.paper_figure import SHORT, Cell, PaperFigure, label, line
 from host.experiments.published import OVER_30CM, REAL_TEAMMATES, beside_published
 from host.geometry import Path, to_parent
 from host.messages import FloatArray
@@ -83,8 +83,8 @@ def _weights(name: str, by_sensors: dict[str, list[Instant]]) -> PaperFigure:
     for sensors, instants in by_sensors.items():
         times, (weights, wanted) = _times(instants), weight_sums(instants)
         rows += [[sensors, *map(float, each)] for each in zip(times, weights, wanted, strict=True)]
-        series.append(_line(times, weights, SHORT.get(sensors, sensors)))
-    series.append(_line(times, wanted, "robots in range"))  # the same with all sensors
+        series.append(line(times, weights, SHORT.get(sensors, sensors)))
+    series.append(line(times, wanted, "robots in range"))  # the same with all sensors
     return PaperFigure(
         f"weights_{name}",
         ("sensors", "time s", "sum of weights", "robots in range"),
@@ -114,7 +114,7 @@ def _errors(name: str, sensors: str, instants: list[Instant]) -> PaperFigure:
             x_label="time (s)",
             y_label="distance of the nearest estimate (m)",
             series=tuple(
-                _line(found.times, found.errors[:, k], f"robot {robot}" if k < 6 else "")
+                line(found.times, found.errors[:, k], f"robot {robot}" if k < 6 else "")
                 for k, robot in enumerate(found.robots)
             ),
         ),
@@ -167,9 +167,9 @@ def _estimates(rows: list[list[Cell]]) -> Series:
 
 def _beside_published(scored: Scored) -> PaperFigure:
     rows: list[list[Cell]] = [
-        [name, sensors, *line]
+        [name, sensors, *measure]
         for (name, sensors), found in scored.scores.items()
-        for line in beside_published(found.instants, sensors)
+        for measure in beside_published(found.instants, sensors)
     ]
     header = ("filter", "sensors", "measure", "where", "ours", "published")
     return PaperFigure("beside_published", header, rows)
@@ -177,7 +177,3 @@ def _beside_published(scored: Scored) -> PaperFigure:
 
 def _times(instants: list[Instant]) -> FloatArray:
     return np.array([at.estimate.time for at in instants])
-
-
-def _line(x: FloatArray, y: FloatArray, name: str) -> Series:
-    return Series(x=x, y=y, label=name, style="line")

@@ -110,11 +110,11 @@ def _beyond_the_row(instants: list[Instant], sensors: str) -> Record:
     pairs_rmse_m, pairs_p67_m: of pairs without a cut-off (Belaroussi 2024). over_time: mean GOSPA
     (m) of each bin of time, by its middle (s). published: the thesis' numbers beside ours.
     """
-    errors = pair_errors(instants).errors
+    pairs = pair_errors(instants)
     times, means = gospa_over_time(instants, OVER_TIME_BIN_S)
     return {
-        "pairs_rmse_m": float(np.sqrt(np.mean(errors**2))) if len(errors) else None,
-        "pairs_p67_m": float(np.percentile(errors, 67.0)) if len(errors) else None,
+        "pairs_rmse_m": _or_none(pairs.rmse_m),
+        "pairs_p67_m": _or_none(pairs.p67_m),
         "over_time": [[float(t), round(float(m), 4)] for t, m in zip(times, means, strict=True)],
         "published": [
             [line.measure, _or_none(line.ours), _or_none(line.published)]

@@ -1,7 +1,5 @@
 """Belaroussi's variants on a scenario, by his error measures (section 6.2.1)."""
 
-import numpy as np
-
 from host.config import RobotConfig
 from host.evaluation import curves, faults
 from host.evaluation.metrics import Accumulator
@@ -12,7 +10,6 @@ from host.systems.kalman_hungarian.sensors import Event
 from host.systems.kalman_hungarian.variants import scored
 
 Scores = dict[tuple[str, str], Accumulator]  # by variant and sensors
-PERCENT = 67.0
 
 
 def simulated_scores(source: str) -> Scores:
@@ -40,10 +37,9 @@ def simulated_scores(source: str) -> Scores:
 
 def measures(scored_: Accumulator) -> dict[str, float]:
     """RMSE and 67th percentile of all pairs, without a cut-off; missed and false per scan."""
-    errors = curves.pair_errors(scored_.instants).errors
+    pairs = curves.pair_errors(scored_.instants)
     row = scored_.row("", "", "", "")
     found = {"missed": row.missed, "false": row.false}
-    if not len(errors):
+    if not len(pairs.errors):
         return found
-    rmse, p67 = float(np.sqrt(np.mean(errors**2))), float(np.percentile(errors, PERCENT))
-    return {"rmse_m": rmse, "p67_m": p67, **found}
+    return {"rmse_m": pairs.rmse_m, "p67_m": pairs.p67_m, **found}
