@@ -9,7 +9,7 @@ from pathlib import Path
 
 from host.doctor.findings import Finding, Level, failed
 from host.errors import UserError
-from host.sources.recording import DELETE, OTHER_DISK, little_room, no_room
+from host.sources.recording import DELETE, OTHER_DISK, room
 
 PART = "disk"
 _PIECE, _PIECES = bytes(1 << 20), 8
@@ -19,11 +19,11 @@ _LONG_S = 2.0  # of one flush: the queue of messages lasts 3 s
 
 def findings(folder: Path) -> list[Finding]:
     """Of its speed, and of its room where there is little."""
-    full = no_room(folder)
+    full, little = room(folder)
     if full is not None:
         return [failed(PART, full)]
-    little = [Finding(PART, Level.WARN, *remark.rsplit(": ", 1)) for remark in little_room(folder)]
-    return [measure(folder), *little]
+    remarks = [Finding(PART, Level.WARN, *remark.rsplit(": ", 1)) for remark in little]
+    return [measure(folder), *remarks]
 
 
 def measure(folder: Path) -> Finding:

@@ -15,7 +15,6 @@ import termios
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from host.errors import UserError
@@ -86,12 +85,7 @@ class BackgroundRecorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -1,5 +1,6 @@
 """From a recording that was cut short or damaged: what can be read of it, with an index."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,6 +50,8 @@ def repair(path: Path, output: Path) -> Repaired:
             f"{output} exists already", "recordings are never overwritten", "give --output another"
         ) from error
     except OSError as error:
+        with contextlib.suppress(OSError):
+            output.unlink()  # else it would be in the way of the next try
         raise UserError(
             f"cannot write {output}", error.strerror or str(error), "check the disk's free space"
         ) from error

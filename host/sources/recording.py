@@ -35,12 +35,9 @@ class RecordingHealth:
         begin, before = self._clock(), self._recorder.written
         while not stop.wait(_PERIOD_S):
             rate = (self._recorder.written - before) / (self._clock() - begin)
-            wrong = self._recorder.failure or no_room(self._folder, rate)
-            words = [
-                f"{rate / 1e3:.0f} kB/s",
-                *self._behind(rate),
-                *little_room(self._folder, rate),
-            ]
+            full, little = room(self._folder, rate)
+            wrong = self._recorder.failure or full
+            words = [f"{rate / 1e3:.0f} kB/s", *self._behind(rate), *little]
             reason = str(wrong or "; ".join(words))
             self._health.report(emit, wrong is None, reason, dict, certain=True)
 
@@ -51,27 +48,24 @@ class RecordingHealth:
         return [f"its disk is {behind_s:.0f} s behind: {OTHER_DISK}"] * (behind_s > _BEHIND_S)
 
 
-def no_room(folder: Path, rate: float = USUAL_RATE) -> UserError | None:
-    """What ends a recording soon, where the disk is nearly full. rate: bytes/s."""
-    free, lasts_s = _room(folder, rate)
-    if lasts_s >= _SOON_S:
-        return None
-    return UserError(
-        f"only {free / 1e6:.0f} MB are free",
-        f"a recording of {rate / 1e3:.0f} kB/s fills that within {lasts_s / 60.0:.0f} min",
-        DELETE,
-    )
+def room(folder: Path, rate: float = USUAL_RATE) -> tuple[UserError | None, list[str]]:
+    """What ends a recording soon; or a remark where its disk is full within hours.
 
-
-def little_room(folder: Path, rate: float = USUAL_RATE) -> list[str]:
-    """A remark where the disk is full within hours. rate: bytes/s."""
-    free, lasts_s = _room(folder, rate)
-    if lasts_s >= _SHORT_S:
-        return []
-    return [f"only {free / 1e6:.0f} MB are free, for {lasts_s / 3600.0:.1f} h: {DELETE}"]
-
-
-def _room(folder: Path, rate: float) -> tuple[int, float]:
-    """Bytes that are free, and for how long they last, s."""
-    free = shutil.disk_usage(folder).free
-    return free, free / max(rate, 1.0)
+    rate: that it takes, bytes/s.
+    """
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        why = error.strerror or str(error)
+        return UserError(f"nothing can be recorded in {folder}", why, OTHER_DISK), []
+    lasts_s = free / max(rate, 1.0)
+    if lasts_s < _SOON_S:
+        fault = UserError(
+            f"only {free / 1e6:.0f} MB are free",
+            f"a recording of {rate / 1e3:.0f} kB/s fills that within {lasts_s / 60.0:.0f} min",
+            DELETE,
+        )
+        return fault, []
+    if lasts_s < _SHORT_S:
+        return None, [f"only {free / 1e6:.0f} MB are free, for {lasts_s / 3600.0:.1f} h: {DELETE}"]
+    return None, []

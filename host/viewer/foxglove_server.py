@@ -1,8 +1,9 @@
 """The topics of a recording, live, for the Foxglove app: over its own protocol, by its SDK."""
 
+import contextlib
 import time
 from dataclasses import replace
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, Self
 
 from host.config import RobotConfig
@@ -32,10 +33,12 @@ class FoxgloveServer:
         self._context = self._sdk.Context()
         hidden = hidden_address()
         try:
-            listening = listening_socket(address, port)
-            self._server = self._sdk.start_server(
-                name=f"swarmloc {config.name}", host=hidden, port=0, context=self._context
-            )
+            with contextlib.ExitStack() as on_failure:
+                listening = on_failure.enter_context(listening_socket(address, port))
+                self._server = self._sdk.start_server(
+                    name=f"swarmloc {config.name}", host=hidden, port=0, context=self._context
+                )
+                on_failure.pop_all()
         except (RuntimeError, OSError, ValueError) as error:
             raise UserError(
                 f"cannot serve Foxglove at {bracketed(address)}:{port}",
@@ -55,13 +58,8 @@ class FoxgloveServer:
         self._gate.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._gate.__exit__(kind, error, traceback)  # first: `stop` waits for who still reads
+    def __exit__(self, *_: object) -> None:
+        self._gate.__exit__()  # first: `stop` waits for who still reads
         self._server.stop()
 
     def take(self, message: Message) -> None:

@@ -1,6 +1,7 @@
 """Recordings cut, damaged or tampered with: read up to the fault, which is said in words."""
 
 import dataclasses
+import errno
 import os
 import struct
 import subprocess
@@ -179,6 +180,16 @@ def test_repaired_it_opens_with_an_index_and_holds_what_was_whole(whole, tmp_pat
     assert numbers == list(range(done.records))
     with pytest.raises(UserError, match="exists already"):
         repair(path, done.output)
+
+
+def test_a_disk_that_is_full_leaves_no_half_of_a_repaired_file(whole, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("host.recording.repair.Writer.finish", full)
+    with pytest.raises(UserError, match="No space left on device"):
+        repair(whole[0], tmp_path / "b.mcap")
+    assert not (tmp_path / "b.mcap").exists()
 
 
 def test_what_cannot_be_repaired_is_said(tmp_path, whole):

@@ -90,8 +90,7 @@ def test_a_recording_that_has_failed_stays_failed(tmp_path: Path) -> None:
 def test_a_disk_that_is_nearly_full_is_said_by_run_and_doctor_alike(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert recording.no_room(tmp_path) is None  # this computer's own
-    assert recording.little_room(tmp_path) == []
+    assert recording.room(tmp_path) == (None, [])  # this computer's own
     for free, level, words in (
         (3e8, Level.WARN, "only 300 MB are free, for 2.1 h"),
         (2e7, Level.FAIL, "only 20 MB are free"),
@@ -100,3 +99,12 @@ def test_a_disk_that_is_nearly_full_is_said_by_run_and_doctor_alike(
         found = [each for each in disk.findings(tmp_path) if words in each.what]
         assert [each.level for each in found] == [level]
         assert found[0].next_step == recording.DELETE
+
+
+def test_a_disk_that_was_pulled_out_is_said_by_run_and_doctor_alike(tmp_path: Path) -> None:
+    gone = tmp_path / "stick"
+    full, _ = recording.room(gone)
+    assert str(full) == (
+        f"nothing can be recorded in {gone}\nNo such file or directory\n{recording.OTHER_DISK}"
+    )
+    assert [each.next_step for each in disk.findings(gone)] == [recording.OTHER_DISK]

@@ -134,11 +134,23 @@ def test_who_sends_no_request_is_let_go_and_the_end_waits_for_nobody():
         assert silent.recv(10) == b""
 
 
+def refuse(**_):
+    raise RuntimeError("no server")
+
+
 def test_a_port_that_is_taken_and_an_sdk_that_is_missing_are_told(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=rf"Foxglove at 127\.0\.0\.1:{port}"):
             FoxgloveServer(RobotConfig(), "127.0.0.1", port)
+    with monkeypatch.context() as refused:
+        refused.setattr("foxglove.start_server", refuse)
+        with pytest.raises(
+            UserError, match=rf"Foxglove at 127\.0\.0\.1:{port}\nno server"
+        ) as failed:
+            FoxgloveServer(RobotConfig(), "127.0.0.1", port)
+    socket.create_server(("127.0.0.1", port)).close()  # it is free again
+    assert failed.traceback  # which keeps alive what is not closed
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(UserError, match="not installed"):
         FoxgloveServer(RobotConfig(), "127.0.0.1", 0)
