@@ -1,5 +1,6 @@
 """The X4 driver on a real pseudo-terminal, an emulated lidar at its other end."""
 
+import contextlib
 import os
 import threading
 import time
@@ -21,6 +22,7 @@ from host.messages import FloatArray, Health, Message, Scan
 from host.simulation.devices.x4 import X4Emulator, X4ProEmulator
 
 PATIENCE_S = 20.0
+REPLY, SPIN_UP, SILENCE = "_REPLY_WAIT_S", "_SPIN_UP_S", "_SILENCE_S"  # what a driver waits for
 
 
 def sense(times: FloatArray, angles: FloatArray) -> FloatArray:
@@ -60,16 +62,16 @@ class Bench:
 
     def _serve(self, ours: int, theirs: int) -> None:
         os.set_blocking(ours, False)
-        while not self._unplug.is_set():
-            try:
+        waiting = b""
+        while not self._unplug.wait(0.002):
+            with contextlib.suppress(BlockingIOError):
                 data = os.read(ours, 256)
-            except BlockingIOError:
-                data = b""
-            self.received += data
-            self.lidar.receive(data, time.monotonic())
-            sent = [chunk for _, chunk in self.lidar.transmit(time.monotonic())]
-            os.write(ours, b"".join(sent) + self.noise)
-            time.sleep(0.002)
+                self.received += data
+                self.lidar.receive(data, time.monotonic())
+            waiting += b"".join(chunk for _, chunk in self.lidar.transmit(time.monotonic()))
+            waiting += self.noise
+            with contextlib.suppress(BlockingIOError):  # the driver reads on later
+                waiting = waiting[os.write(ours, waiting) :]
         os.close(theirs)
         os.close(ours)
 
@@ -99,8 +101,15 @@ class Bench:
             assert not self.errors
             time.sleep(0.01)
 
-    def wait_reason(self, words: str, ok: bool = False) -> None:
-        self.wait(lambda: any(words in h.reason and h.ok == ok for h in self.health()))
+    def wait_reason(self, words: str, ok: bool = False) -> Health:
+        found: list[Health] = []
+
+        def said() -> bool:
+            found[:] = [h for h in self.health() if words in h.reason and h.ok == ok]
+            return bool(found)
+
+        self.wait(said)
+        return found[-1]
 
     def close(self) -> None:
         self.stop.set()
@@ -111,26 +120,40 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    for wait in ("_REPLY_WAIT_S", "_SPIN_UP_S", "_SILENCE_S"):
-        monkeypatch.setattr(x4, wait, 0.4)
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device_blamed: None) -> Iterator[Bench]:
+    """Its driver waits longer than any test: a busy computer makes no lidar a silent one."""
+    for wait in (REPLY, SPIN_UP, SILENCE):
+        monkeypatch.setattr(x4, wait, 10 * PATIENCE_S)
     rig = Bench(tmp_path)
     yield rig
     rig.close()
 
 
+Impatient = Callable[..., None]
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> Impatient:
+    """Makes drivers miss soon what does not come: `impatient(REPLY, ...)`."""
+
+    def shorten(*waits: str) -> None:
+        for wait in waits:
+            monkeypatch.setattr(x4, wait, 0.4)
+
+    return shorten
+
+
 def test_scans_come_and_the_lidar_is_stopped_at_the_end(bench: Bench) -> None:
+    begin = time.monotonic()
     bench.plug()
     bench.run()
     bench.wait(lambda: len(bench.scans()) >= 4)
-    bench.wait_reason("scanning at", ok=True)
-    now = time.monotonic()
+    state = bench.wait_reason("scanning at", ok=True)
     scan = bench.scans()[-2]
     assert 650 < len(scan.ranges) < 780
     assert set(scan.ranges.tolist()) == {0.0, 2.0}
-    assert now - 1.0 < scan.time <= now
+    assert begin < scan.time <= time.monotonic()
     assert np.diff(scan.times) == pytest.approx(0.0002)
-    state = bench.health()[-1]
     assert state.device == "lidar"
     assert "firmware 1.5" in state.reason
     assert "motor stays on" in state.reason  # a pseudo-terminal has no DTR
@@ -140,12 +163,12 @@ def test_scans_come_and_the_lidar_is_stopped_at_the_end(bench: Bench) -> None:
 
 
 def test_the_configured_delay_is_taken_off(bench: Bench) -> None:
+    begin = time.monotonic()
     bench.plug()
     bench.run(delay_s=0.9)
     bench.wait(lambda: len(bench.scans()) >= 1)
-    now = time.monotonic()
     scan = bench.scans()[0]
-    assert now - 1.9 < scan.time < now - 0.9
+    assert begin < scan.time + 0.9 <= time.monotonic()
     assert scan.times[-1] == scan.time
 
 
@@ -161,31 +184,35 @@ def test_absent_then_plugged_then_pulled_then_back(bench: Bench) -> None:
     bench.plug()
     bench.wait(lambda: len(bench.scans()) >= count + 2)
     bench.wait(lambda: bench.health()[-1].ok)
-    assert bench.health()[-1].counts["connections"] == 2
+    assert max(health.counts["connections"] for health in bench.health()) == 2
     times = np.concatenate([scan.times for scan in bench.scans()])
     assert (np.diff(times) > -0.01).all()
 
 
-def test_a_motor_without_power_is_named(bench: Bench) -> None:
+def test_a_motor_without_power_is_named(bench: Bench, impatient: Impatient) -> None:
     bench.lidar.motor_powered = False
+    impatient(SPIN_UP, SILENCE)
     bench.plug()
     bench.run()
-    bench.wait_reason("answers but sends no samples\nits motor does not turn")
-    assert "POWER" in bench.health()[-1].reason
+    silent = bench.wait_reason("answers but sends no samples\nits motor does not turn")
+    assert "POWER" in silent.reason
     bench.lidar.motor_powered = True
     bench.wait_reason("scanning", ok=True)
     bench.lidar.motor_powered = False
     bench.wait_reason("the lidar stopped sending")
 
 
-def test_a_dead_lidar_is_named(bench: Bench) -> None:
+def test_a_dead_lidar_is_named(bench: Bench, impatient: Impatient) -> None:
     bench.lidar.answers = False
+    impatient(REPLY)
     bench.plug()
     bench.run()
     bench.wait_reason("the lidar does not answer")
 
 
-def test_damage_of_before_does_not_make_a_dead_lidar_a_noisy_one(bench: Bench) -> None:
+def test_damage_of_before_does_not_make_a_dead_lidar_a_noisy_one(
+    bench: Bench, impatient: Impatient
+) -> None:
     bench.lidar.corrupt_share = 0.4
     bench.plug()
     bench.run()
@@ -193,14 +220,16 @@ def test_damage_of_before_does_not_make_a_dead_lidar_a_noisy_one(bench: Bench) -
     bench.unplug()
     bench.lidar = X4Emulator(sense)
     bench.lidar.answers = False
+    impatient(REPLY)
     bench.plug()
     bench.wait_reason("the lidar does not answer")
     assert not any("make no sense" in health.reason for health in bench.health())
 
 
-def test_another_device_on_the_port_is_named(bench: Bench) -> None:
+def test_another_device_on_the_port_is_named(bench: Bench, impatient: Impatient) -> None:
     bench.lidar.answers = False
     bench.noise = b"$GPGGA,1\n"
+    impatient(REPLY)
     bench.plug()
     bench.run()
     bench.wait_reason("bytes make no sense")
@@ -213,8 +242,9 @@ def test_a_fault_of_the_lidar_is_named(bench: Bench) -> None:
     bench.wait_reason("the lidar reports a fault\nits error code is 0x0021")
 
 
-def test_damaged_packets_are_named(bench: Bench) -> None:
+def test_damaged_packets_are_named(bench: Bench, impatient: Impatient) -> None:
     bench.lidar.corrupt_share = 0.4
+    impatient(SILENCE)
     bench.plug()
     bench.run()
     bench.wait_reason("% of the packets are damaged")
@@ -231,8 +261,11 @@ def test_a_busy_port_is_named(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("model", ["x4", "x4pro"])
-def test_an_x4_pro_scans_whether_it_is_configured_or_recognized(bench: Bench, model: str) -> None:
+def test_an_x4_pro_scans_whether_it_is_configured_or_recognized(
+    bench: Bench, model: str, impatient: Impatient
+) -> None:
     bench.lidar = X4ProEmulator(sense)
+    impatient(REPLY)
     bench.plug()
     bench.run(model=model)
     bench.wait_reason("answers no command, as an X4 Pro", ok=True)
@@ -240,9 +273,10 @@ def test_an_x4_pro_scans_whether_it_is_configured_or_recognized(bench: Bench, mo
     assert all(health.ok for health in bench.health())
 
 
-def test_a_silent_x4_pro_is_named(bench: Bench) -> None:
+def test_a_silent_x4_pro_is_named(bench: Bench, impatient: Impatient) -> None:
     bench.lidar = X4ProEmulator(sense)
     bench.lidar.motor_powered = False
+    impatient(SPIN_UP)
     bench.plug()
     bench.run(model="x4pro")
     bench.wait_reason("the lidar sends nothing")
@@ -270,6 +304,7 @@ def test_a_computer_that_stood_still_is_not_taken_for_a_silent_lidar(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stands still for half a minute just after the driver has looked and found nothing."""
+    monkeypatch.setattr(x4, SILENCE, 20.0)
     leap = [0.0]
 
     def read(port: serial.Serial, timeout_s: float = 0.05) -> bytes:
@@ -286,14 +321,14 @@ def test_a_computer_that_stood_still_is_not_taken_for_a_silent_lidar(
     assert not any("stopped sending" in health.reason for health in bench.health())
 
 
-def test_a_slow_motor_is_waited_for(bench: Bench) -> None:
-    bench.lidar.spin_up_s = 1.2  # three times as long as this test lets the driver wait
+def test_a_slow_motor_is_waited_for(bench: Bench, impatient: Impatient) -> None:
+    bench.lidar.spin_up_s = 1.2  # three times as long as the driver waits before it says so
+    impatient(SPIN_UP)
     bench.plug()
     bench.run()
     bench.wait_reason("sends no samples")
     bench.wait_reason("scanning", ok=True)
     assert bench.health()[-1].counts["connections"] == 1
-    assert x4._SPIN_UP_S < 1.2 < x4._GIVE_UP_S
 
 
 def test_a_dead_laser_is_not_ok(bench: Bench) -> None:
@@ -301,7 +336,6 @@ def test_a_dead_laser_is_not_ok(bench: Bench) -> None:
     bench.plug()
     bench.run()
     bench.wait_reason("all ranges are zero: the laser does not fire")
-    assert not bench.health()[-1].ok
     bench.lidar.laser_fires = True
     bench.wait(lambda: bench.health()[-1].ok)
 
@@ -315,8 +349,9 @@ def test_a_covered_window_is_not_ok(bench: Bench) -> None:
     bench.wait_reason("something covers the window")
 
 
-def test_an_unknown_format_is_named_and_no_bad_cable(bench: Bench) -> None:
+def test_an_unknown_format_is_named_and_no_bad_cable(bench: Bench, impatient: Impatient) -> None:
     packets = bench.lidar.transmit
+    impatient(SPIN_UP)
     bench.plug()
 
     def with_other_headers(now: float) -> list[tuple[float, bytes]]:
