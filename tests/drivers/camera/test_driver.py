@@ -13,7 +13,7 @@ import pytest
 from host.config import Camera
 from host.drivers.camera import driver
 from host.drivers.camera.driver import CameraDriver, Picture
-from host.drivers.camera.files import CameraFrame
+from host.drivers.camera.files import CameraFrame, Pipe
 from host.messages import Health
 from tests.drivers.camera.camera_bench import HEIGHT, WIDTH, Bench, jpeg
 
@@ -212,19 +212,17 @@ def test_of_pictures_that_came_together_the_newest_is_taken(bench: Bench, pipe: 
         bench.wait(lambda: any(h.counts.get("superseded") == 2 for h in bench.health()))
 
 
-def test_pictures_without_end_marks_have_the_time_of_their_own_bytes(
-    bench: Bench, pipe: Path
-) -> None:
-    bench.run(pipe)
-    written = []
+def test_pictures_without_end_marks_have_the_time_of_their_own_bytes(pipe: Path) -> None:
+    now, stop = [0.0], threading.Event()
+    source, times = Pipe(str(pipe), lambda: now[0]), []
     with pipe.open("wb", buffering=0) as writer:
         for k in range(4):
+            now[0] = float(k)
             writer.write(jpeg(k)[:-2])
-            time.sleep(0.4)
-            written.append(time.monotonic())
-        bench.wait(lambda: len(bench.pictures()) == 3)
-    for picture, after in zip(bench.pictures(), written, strict=False):
-        assert after - 1.0 < picture.time < after - 0.1  # not when the next one began
+            frame = source.read(stop)
+            times.append(frame and frame.time)
+    source.close()
+    assert times == [None, 0.0, 1.0, 2.0]  # not when the next one began
 
 
 def test_a_pipe_that_is_made_anew_is_opened_anew(bench: Bench, pipe: Path) -> None:

@@ -159,21 +159,26 @@ def test_two_robots_hear_each_other_by_broadcast():
     ]
     for thread in threads:
         thread.start()
-    heard = []
+
+    def heard():
+        return [each for each in emitted[1] if isinstance(each, TeammateOdometry)]
+
+    def said():
+        health = [each for each in emitted[1] if isinstance(each, Health)]
+        return any(each.ok and each.reason == "hears robot 1" for each in health)
+
     try:
-        end = time.monotonic() + 5.0
-        while len(heard) < 3 and time.monotonic() < end:
+        end = time.monotonic() + 20.0
+        while not (len(heard()) >= 3 and said()):
+            assert time.monotonic() < end, emitted
             for link in links:
                 link.take(Displacement(time.monotonic(), 0.05, 0.01, 0.0, 0.0))
             time.sleep(0.05)
-            heard = [each for each in emitted[1] if isinstance(each, TeammateOdometry)]
     finally:
         stop.set()
         for thread in threads:
             thread.join()
-    assert {each.identity for each in heard} == {1}
-    health = [each for each in emitted[1] if isinstance(each, Health)]
-    assert any(each.ok and each.reason == "hears robot 1" for each in health)
+    assert {each.identity for each in heard()} == {1}
 
 
 @pytest.mark.parametrize(

@@ -75,20 +75,31 @@ class Running:
             )
         )
 
-    def bodies(self, count):
+    def bodies(self, count, after=0):
         with self.new:
-            assert self.new.wait_for(lambda: len(self._bodies()) >= count, 20.0)
-            return self._bodies()
+            assert self.new.wait_for(lambda: len(self._bodies(after)) >= count, 20.0)
+            return self._bodies(after)
 
-    def _bodies(self):
-        return [message for message in self.messages if isinstance(message, Bodies)]
+    def _bodies(self, after):
+        return [message for message in self.messages[after:] if isinstance(message, Bodies)]
+
+    def stamped(self, robots, count):
+        """Bodies stamped with their exposure, as well as the clock is said to be known."""
+        said = self.until_says("2 bodies", "clock known to", ok=True)
+        known_ms = float(said.reason.partition("clock known to ")[2].split()[0])
+        heard = self.bodies(count, after=self.messages.index(said))
+        for each in heard:
+            off_s = robots.start + each.poses[0, 0] - each.time
+            assert abs(off_s) < 1e-3 * (known_ms + 0.1)  # said to 0.1 ms
+        return heard
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch):
+def quick(monkeypatch, device_blamed):
+    """Says soon what it is about; but a server that a busy computer holds up is not silent."""
     monkeypatch.setattr(driver, "_HEALTH_PERIOD_S", 0.2)
     monkeypatch.setattr(driver, "_ANSWER_WAIT_S", 0.1)
-    monkeypatch.setattr(driver, "_SILENCE_S", 0.6)
+    monkeypatch.setattr(driver, "_SILENCE_S", 100.0)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +126,7 @@ def multicast():
 
 
 def test_a_computer_that_stood_still_is_not_taken_for_a_silent_server():
-    """The clock leaps by 4 s with each frame that is taken in, as if nothing had run for so long.
+    """The clock leaps by 200 s with each frame that is taken in, as if nothing had run for so long.
 
     What came meanwhile waits in the socket: the server was never silent, and the connection stays.
     """
@@ -125,7 +136,7 @@ def test_a_computer_that_stood_still_is_not_taken_for_a_silent_server():
     def emit(message):
         messages.append(message)
         if isinstance(message, Bodies):
-            leap[0] += 4.0
+            leap[0] += 200.0
         if sum(isinstance(each, Bodies) for each in messages) > 20:
             enough.set()
 
@@ -146,11 +157,7 @@ def test_a_computer_that_stood_still_is_not_taken_for_a_silent_server():
 def test_bodies_are_stamped_with_the_middle_of_their_exposure(version):
     robots = Robots()
     with NatNetServer(robots, 200.0, version=version) as server, Running(server.config) as client:
-        heard = client.bodies(100)
-        client.until_says("2 bodies", "clock known to", ok=True)
-    latest = heard[50:]
-    errors = [robots.start + each.poses[0, 0] - each.time for each in latest]
-    assert np.median(np.abs(errors)) < 0.001
+        latest = client.stamped(robots, 50)
     for each in latest:
         assert each.identities.tolist() == [1, 7]
         np.testing.assert_allclose(each.poses[0, 1:], [0.5, 0.3], atol=1e-6)
@@ -163,10 +170,8 @@ def test_multicast(multicast):
         NatNetServer(robots, connection="multicast", up="z") as server,
         Running(server.config) as client,
     ):
-        heard = client.bodies(50)
+        heard = client.stamped(robots, 20)
     np.testing.assert_allclose(heard[-1].poses[1], [2.0, -1.0, -3.0], atol=1e-6)
-    errors = [robots.start + each.poses[0, 0] - each.time for each in heard[20:]]
-    assert np.median(np.abs(errors)) < 0.001
 
 
 @pytest.mark.parametrize("version", [(2, 7), (2, 9), (2, 11)])
@@ -175,8 +180,8 @@ def test_a_server_without_a_clock_is_stamped_by_arrival(version):
     with NatNetServer(robots, version=version) as server, Running(server.config) as client:
         heard = client.bodies(30)
         client.until_says("stamped on arrival", ok=True)
-    late = [each.time - robots.start - each.poses[0, 0] for each in heard[10:]]
-    assert 0.0 < np.median(late) < 0.1
+    for each in heard[10:]:
+        assert robots.start + each.poses[0, 0] < each.time <= time.monotonic()
 
 
 def test_bodies_out_of_sight_are_left_out_and_named():
@@ -220,12 +225,19 @@ def test_packets_from_another_address_are_not_taken_but_named(multicast):
                 socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1")
             )
             where = server.config.multicast_group, server.config.data_port
-            for _ in range(100):
-                other.sendto(b"frame of another", where)
-                if any("127.0.0.2" in getattr(m, "reason", "") for m in list(client.messages)):
-                    break
-                time.sleep(0.05)
-            client.until_says("come from 127.0.0.2 instead", 'set server = "127.0.0.2"')
+            said = threading.Event()
+
+            def disturb():
+                while not said.wait(0.05):
+                    other.sendto(b"frame of another", where)
+
+            disturber = threading.Thread(target=disturb)
+            disturber.start()
+            try:
+                client.until_says("come from 127.0.0.2 instead", 'set server = "127.0.0.2"')
+            finally:
+                said.set()
+                disturber.join()
 
 
 def test_unicast_where_the_server_streams_by_multicast():
@@ -242,7 +254,8 @@ def test_multicast_where_the_server_streams_by_unicast():
             client.until_says("streams by unicast", 'set connection = "unicast"')
 
 
-def test_a_server_that_does_not_answer_and_comes_later():
+def test_a_server_that_does_not_answer_and_comes_later(monkeypatch):
+    monkeypatch.setattr(driver, "_SILENCE_S", 0.6)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -22,6 +22,7 @@ from host.simulation.pictures.render import Surroundings
 from host.simulation.world.scenarios import Scenario, parse_scenario
 
 LONG_S = 20.0  # a bound on waiting, not on speed
+FIRST_RAD, SPEED_RADPS = -1.2, 0.3
 SMALL = Camera(width_px=640, height_px=360, focal_px=203.7, centre_x_px=319.5, centre_y_px=179.5)
 CAMERAS = Cameras(
     front=SMALL, rear=SMALL.model_copy(update={"x_m": -0.05, "heading_rad": round(math.pi, 4)})
@@ -37,8 +38,10 @@ def pictures(handle: int) -> Iterator[bytes]:
 
 
 def passing(when: float) -> Surroundings:
-    """A teammate 1 m ahead that moves to the left: its place tells the time."""
-    return Surroundings(np.array([[1.0, 0.1 * when]]), np.zeros((0, 2)), np.zeros(3), 2.0)
+    """A teammate on a circle around the front camera: its bearing tells the time, for 8 s."""
+    bearing = FIRST_RAD + SPEED_RADPS * when
+    place = [SMALL.x_m + math.cos(bearing), math.sin(bearing)]
+    return Surroundings(np.array([place]), np.zeros((0, 2)), np.zeros(3), 2.0)
 
 
 @pytest.fixture
@@ -112,7 +115,7 @@ def test_pictures_come_no_earlier_than_they_would_and_show_when_they_were_taken(
             bearings = finder.find(jpeg, 0.0)
             assert bearings is not None
             (bearing,) = bearings.bearings
-            taken.append(0.95 * math.tan(bearing) / 0.1)  # s
+            taken.append((bearing - FIRST_RAD) / SPEED_RADPS)
             assert taken[-1] + 0.2 < arrived + 0.03  # which the bearing's error makes up
         os.close(reader)
     assert len(taken) == 6
