@@ -9,6 +9,7 @@ from pathlib import Path
 
 import serial
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from host.drivers.port_access import why_busy, why_forbidden
 from host.errors import UserError
@@ -41,9 +42,7 @@ def find_port(device_name: str, vid_pids: Iterable[tuple[int, int]], configured:
         return configured
     wanted = set(vid_pids)
     found = sorted(
-        stable_path(port.device)
-        for port in list_ports.comports()
-        if port.vid is not None and (port.vid, port.pid) in wanted
+        stable_path(port.device) for port in usb_ports() if (port.vid, port.pid) in wanted
     )
     if len(found) == 1:
         return found[0]
@@ -61,14 +60,21 @@ def find_port(device_name: str, vid_pids: Iterable[tuple[int, int]], configured:
     )
 
 
+def usb_ports() -> list[ListPortInfo]:
+    """The serial ports on USB that are plugged in now; none where one is just being unplugged."""
+    try:
+        listed = list_ports.comports()
+    except (OSError, TypeError):
+        # pyserial reads a port's files one after the other and stumbles when it vanishes between.
+        return []
+    return [port for port in listed if port.vid is not None]
+
+
 def stable_path(device: str) -> str:
     """The /dev/serial/by-id name of a port, which outlives replugging; or `device` itself."""
     target = os.path.realpath(device)
-    if BY_ID.is_dir():
-        for link in sorted(BY_ID.iterdir()):
-            if os.path.realpath(link) == target:
-                return str(link)
-    return device
+    links = sorted(BY_ID.glob("*"))
+    return next((str(link) for link in links if os.path.realpath(link) == target), device)
 
 
 def open_port(path: str, baudrate: int, dtr: bool | None = None) -> serial.Serial:

@@ -1,13 +1,12 @@
 """Which devices are plugged in, by the names of their sockets: what robot.toml calls them."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-
-from serial.tools import list_ports
 
 from host.config import RobotConfig
 from host.drivers.romeo.ports import SKETCH_IDS
+from host.drivers.serial_port import usb_ports
 from host.drivers.x4.device import USB_IDS
 
 DEVICES = Path("/dev")
@@ -42,13 +41,10 @@ def _cameras(known: RobotConfig, devices: Path) -> dict[str, str]:
     return dict(zip(missing, free, strict=False))
 
 
-def _ports(ids: Iterable[tuple[int, int]], devices: Path) -> list[str]:
+def _ports(ids: Collection[tuple[int, int]], devices: Path) -> list[str]:
     """Names of the sockets in which such devices are."""
-    wanted = set(ids)
     return sorted(
-        _by_path(port.device, devices)
-        for port in list_ports.comports()
-        if port.vid is not None and (port.vid, port.pid) in wanted
+        _by_path(port.device, devices) for port in usb_ports() if (port.vid, port.pid) in ids
     )
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner, Result
+from serial.tools import list_ports
 
 from host.cli.main import main
 from host.config import RobotConfig, load_config
@@ -66,7 +67,7 @@ def test_settings_and_devices_go_into_a_file_new_or_old(
         SimpleNamespace(device=str(devices / "ttyUSB0"), vid=0x10C4, pid=0xEA60),
         SimpleNamespace(device=str(devices / "ttyS0"), vid=None, pid=None),
     ]
-    monkeypatch.setattr(discovery.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
     monkeypatch.setattr(discovery.found_devices, "__defaults__", (devices,))
     file = tmp_path / "robot.toml"
     command = ["init", str(file), "--find", "--set", "name=robot7", "--set", "wheels.track_m=0.2"]

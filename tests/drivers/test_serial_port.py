@@ -13,8 +13,10 @@ import pytest
 import serial
 from serial.tools import list_ports
 
+from host.config import RobotConfig
 from host.drivers import port_access, serial_port
 from host.drivers.reconnect import keep_connected
+from host.drivers.romeo.ports import boards
 from host.drivers.serial_port import (
     explain,
     find_port,
@@ -22,6 +24,7 @@ from host.drivers.serial_port import (
     read_available,
 )
 from host.errors import UserError
+from host.sources.discovery import found_devices
 
 IDS = ((0x10C4, 0xEA60),)
 
@@ -61,6 +64,17 @@ def test_no_port_and_several_ports_are_told_in_words(monkeypatch: pytest.MonkeyP
     plug(monkeypatch, ("/dev/ttyUSB0", *IDS[0]), ("/dev/ttyUSB1", *IDS[0]))
     with pytest.raises(UserError, match=r"ttyUSB0, .*ttyUSB1\n.*\[lidar\] of robot.toml"):
         find_port("lidar", IDS, "auto")
+
+
+def test_a_port_that_is_unplugged_while_ports_are_listed_is_not_found_and_no_fault_of_ours(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As pyserial 3.5 fails where a file of the device vanishes between two that it reads."""
+    monkeypatch.setattr(list_ports, "comports", lambda: int(None, 16))
+    with pytest.raises(UserError, match="lidar was not found"):
+        find_port("lidar", IDS, "auto")
+    assert boards() == []
+    assert found_devices(RobotConfig(), tmp_path) == {}
 
 
 def test_a_port_is_for_one_program(terminal: tuple[int, str]) -> None:

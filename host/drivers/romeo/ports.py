@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import serial
-from serial.tools import list_ports
 
 from host.drivers.port_access import why_forbidden
-from host.drivers.serial_port import find_port, open_port, stable_path
+from host.drivers.serial_port import find_port, open_port, stable_path, usb_ports
 from host.errors import UserError
 
 BOARD = "board"
@@ -36,16 +35,14 @@ class BoardPort:
 
 def boards() -> list[BoardPort]:
     """Every port that shows a board's sketch or bootloader now."""
-    try:
-        listed = list_ports.comports()
-    except (OSError, TypeError):
-        # pyserial reads a port's files one after the other and stumbles when it vanishes between.
-        return []
-    ids = {**dict.fromkeys(SKETCH_IDS, False), **dict.fromkeys(BOOTLOADER_IDS, True)}
     return [
-        BoardPort(port.device, ids[port.vid, port.pid], (port.location or "").partition(":")[0])
-        for port in listed
-        if port.vid is not None and port.pid is not None and (port.vid, port.pid) in ids
+        BoardPort(
+            port.device,
+            (port.vid, port.pid) in BOOTLOADER_IDS,
+            (port.location or "").partition(":")[0],
+        )
+        for port in usb_ports()
+        if (port.vid, port.pid) in (*SKETCH_IDS, *BOOTLOADER_IDS)
     ]
 
 
@@ -72,8 +69,8 @@ def find_board(configured: str = AUTO) -> BoardPort:
     for board in boards():
         if os.path.realpath(board.path) == os.path.realpath(path):
             return BoardPort(path, board.in_bootloader, board.socket)
-    for port in list_ports.comports():
-        if port.vid is not None and os.path.realpath(port.device) == os.path.realpath(path):
+    for port in usb_ports():
+        if os.path.realpath(port.device) == os.path.realpath(path):
             raise UserError(
                 f"{path} is not the board",
                 f"its USB id is {port.vid:04x}:{port.pid or 0:04x}, which is another device's",
