@@ -54,6 +54,27 @@ def columns(x: FloatArray, y: FloatArray) -> FloatArray:
     return points
 
 
+def into_new_frame(
+    means: FloatArray, covariances: FloatArray, motion: Displacement
+) -> tuple[FloatArray, FloatArray]:
+    """Gaussians in the robot's frame before a motion, in that after it: means and covariances.
+
+    Over positions, (..., 2) and (..., 2, 2), or positions and velocities, (..., 4), (..., 4, 4).
+    m' = R(dpsi)^T (m - d);  P' = R^T P R + v I + h (J m')(J m')^T, with v and h the variances of
+    the odometry, v of positions alone, and J m' = (-y', x') the lever arm of its heading. (Perera
+    2021 eq. 7-8, counter-clockwise positive.)
+    """
+    parts = means.shape[-1] // 2
+    rotated = np.kron(np.eye(parts), rotation(motion.dpsi).T)
+    shift, unknown = np.zeros((2, 2 * parts))
+    shift[:2], unknown[:2] = (motion.dx, motion.dy), motion.translation_variance
+    moved = (means - shift) @ rotated.T
+    lever = moved @ np.kron(np.eye(parts), [[0.0, 1.0], [-1.0, 0.0]])
+    spread = rotated @ covariances @ rotated.T + np.diag(unknown)
+    spread += motion.heading_variance * lever[..., :, None] * lever[..., None, :]
+    return moved, spread
+
+
 def on_rays(
     origin: tuple[float, float],
     bearings: FloatArray,

@@ -1,28 +1,10 @@
 """No filter at all: each reading is a teammate for some seconds. The floor others stand beside."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from host.geometry import rotation
+from host.geometry import into_new_frame
 from host.message_checks import check
-from host.messages import Bearings, Displacement, Estimate, FloatArray, Positions
-
-
-def predict_positions(
-    positions: FloatArray, covariances: FloatArray, motion: Displacement, process_noise: float
-) -> tuple[FloatArray, FloatArray]:
-    """Positions (n, 2) and covariances (n, 2, 2) in the robot's new frame.
-
-    m' = R(dpsi)^T (m - d);  P' = R^T (P + v I) R + (J m')(J m')^T h + q dt I, with v and h the
-    variances of the odometry, J m' = (-y', x') the lever arm of its heading and q, process_noise,
-    in m²/s the random walk of a teammate. (Perera 2021 eq. 7-8, counter-clockwise positive.)
-    """
-    rotated = rotation(motion.dpsi)
-    moved = (positions - np.array([motion.dx, motion.dy])) @ rotated
-    lever = moved[:, ::-1] * np.array([-1.0, 1.0])
-    spread = rotated.T @ (covariances + motion.translation_variance * np.eye(2)) @ rotated
-    spread = spread + motion.heading_variance * lever[:, :, None] * lever[:, None, :]
-    return moved, spread + process_noise * motion.interval * np.eye(2)
+from host.messages import Bearings, BoolArray, Displacement, Estimate, Positions
 
 
 class LastReading:
@@ -49,9 +31,8 @@ class LastReading:
         """Carry the readings into the robot's new frame; drop those older than keep_s."""
         check(motion)
         self._time = motion.time
-        self._positions, self._covariances = predict_positions(
-            self._positions, self._covariances, motion, self._process_noise
-        )
+        self._positions, carried = into_new_frame(self._positions, self._covariances, motion)
+        self._covariances = carried + self._process_noise * motion.interval * np.eye(2)
         self._ages = self._ages + motion.interval
         self._keep(self._ages < self._keep_s)
 
@@ -71,7 +52,7 @@ class LastReading:
         self._ages = np.concatenate((self._ages, np.zeros(len(new))))
         self._labels = np.concatenate((self._labels, labels))
 
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
+    def _keep(self, kept: BoolArray) -> None:
         self._positions, self._covariances = self._positions[kept], self._covariances[kept]
         self._ages, self._labels = self._ages[kept], self._labels[kept]
 

@@ -6,13 +6,12 @@ model algorithm for systems with Markovian switching coefficients", IEEE Trans. 
 means (n, k, 4), covariances (n, k, 4, 4) and the shares (n, k) of the modes.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
 
-from host.geometry import rotation
+from host.geometry import into_new_frame
 from host.messages import BoolArray, Displacement, FloatArray
 
 
@@ -104,9 +103,9 @@ class MovingTeammates:
         """Mix the modes, let every teammate move, and go into the robot's new frame."""
         self._mix(self._modes.switching(motion.interval))
         transition, noise = self._modes.dynamics(motion.interval)
-        self._means = (transition @ self._means[..., None])[..., 0]
-        self._covariances = transition @ self._covariances @ transition.swapaxes(1, 2) + noise
-        self._carry(motion)
+        means = (transition @ self._means[..., None])[..., 0]
+        covariances = transition @ self._covariances @ transition.swapaxes(1, 2) + noise
+        self._means, self._covariances = into_new_frame(means, covariances, motion)
 
     def _mix(self, switching: FloatArray) -> None:
         """Start each mode with the moments of all that may have led to it (IMM, step 1)."""
@@ -118,21 +117,6 @@ class MovingTeammates:
         self._covariances = np.einsum("nij,niab->njab", share, self._covariances)
         self._covariances += np.einsum("nij,nija,nijb->njab", share, off, off)
         self._means = means
-
-    def _carry(self, motion: Displacement) -> None:
-        """Perera 2021 eq. 7-8 for positions and velocities (counter-clockwise positive).
-
-        The noise of the odometry is added: v per axis to positions, h along the lever arm of the
-        heading, J m = (-y, x, -vy, vx).
-        """
-        plane = np.eye(2)
-        to_new = np.kron(plane, rotation(motion.dpsi).T)
-        self._means = (self._means - (motion.dx, motion.dy, 0.0, 0.0)) @ to_new.T
-        lever = self._means @ np.kron(plane, rotation(0.5 * math.pi)).T
-        spread = to_new @ self._covariances @ to_new.T
-        spread += motion.translation_variance * np.diag((1.0, 1.0, 0.0, 0.0))
-        spread += motion.heading_variance * lever[..., :, None] * lever[..., None, :]
-        self._covariances = spread
 
     def positions_before(self, teammate: int, lag: float) -> tuple[FloatArray, FloatArray]:
         """Where each mode has a teammate `lag` seconds ago: (k, 2) m, and its H (k, 2, 4)."""
