@@ -1,11 +1,11 @@
 """The cameras' settings of robot.toml: pictures, lens and mounting, and the strip to look for."""
 
 import math
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from host.config.section import Section, Text, contradiction
+from host.config.section import Pictures, Section, contradiction
 
 
 class Camera(Section):
@@ -17,7 +17,7 @@ class Camera(Section):
     its axis. A bearing from farther off has beyond_noise_per_rad * (t - reach_rad)^2 of noise more.
     """
 
-    source: Text = "none"
+    source: Pictures = "none"
     width_px: int = Field(1920, ge=64, le=8192)
     height_px: int = Field(1080, ge=64, le=8192)
     rate_hz: float = Field(30.0, gt=0.0, le=240.0)
@@ -29,8 +29,8 @@ class Camera(Section):
     k2: float = Field(0.0, gt=-1.0, lt=1.0)
     reach_rad: float = Field(math.pi, gt=0.0, le=math.pi)
     beyond_noise_per_rad: float = Field(0.0, ge=0.0, le=10.0)
-    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
-    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    x_m: float = Field(0.0, gt=-20.0, lt=20.0)
+    y_m: float = Field(0.0, gt=-20.0, lt=20.0)
     z_m: float = Field(0.25, gt=0.0, lt=10.0)  # of the lens above the floor
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
     tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
@@ -51,6 +51,15 @@ class Camera(Section):
 
     @contradiction
     def _lens_before_the_picture(self) -> None:
+        if 0.5 * min(self.width_px, self.height_px) > math.pi * self.focal_px:
+            raise ValueError(
+                f"focal_px ({self.focal_px:g}) is too short for {self.width_px} x "
+                f"{self.height_px} px: it is in pixels, not mm"
+            )
+        if self.lens == "orthographic" and (self.k1 or self.k2):
+            raise ValueError(
+                'k1 and k2 are of lens = "equidistant": remove them, or change the lens'
+            )
         for centre, size in (("centre_x_px", "width_px"), ("centre_y_px", "height_px")):
             if not -0.5 <= getattr(self, centre) <= getattr(self, size) - 0.5:
                 raise ValueError(
@@ -97,24 +106,27 @@ class Strip(Section):
             data = {"pattern": "one_colour", **data}
         return {**_ONE_COLOUR, **data} if data["pattern"] == "one_colour" else data
 
-    @model_validator(mode="after")
-    def _above_the_floor(self) -> Self:
+    @contradiction
+    def _above_the_floor(self) -> None:
         if self.height_m < 0.5 * self.tall_m:
             raise ValueError(
                 f"height_m ({self.height_m}) of the strip's middle must be half of tall_m "
                 f"({self.tall_m}) at least: it cannot reach below the floor"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _colours_are_used(self) -> Self:
+    @contradiction
+    def _colours_are_used(self) -> None:
         given = [k for k in _COLOUR_KEYS if getattr(self, k) != type(self).model_fields[k].default]
         if self.pattern == "two_colours" and given:
             raise ValueError(
                 f"{', '.join(given)} describe a strip of one colour: remove them, or write "
                 'pattern = "one_colour"'
             )
-        return self
+        for key in ("saturation_min", "value_min"):
+            if getattr(self, key) == 1.0:
+                raise ValueError(f"{key} (1) must be less than 1: no pixel of a picture is beyond")
+        if self.saturation_min == 0.0:
+            raise ValueError("saturation_min (0) must be more than 0: grey has every hue")
 
 
 class Cameras(Section):

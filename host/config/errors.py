@@ -1,17 +1,31 @@
 """What is wrong in a robot.toml, as text: the key, its line, the bound, and a guess."""
 
+import datetime
 import difflib
-import itertools
 import math
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-# Units of the screen that are written for those of a key, and what one of them is in it.
-_UNITS = {"_rad": ("deg", math.pi / 180.0), "_m": ("mm", 1e-3), "_s": ("ms", 1e-3)}
+from host.config.syntax import line_of
+
+_DEG = math.pi / 180.0
+# Other units that are written for that of a key, and what one of them is in it.
+_UNITS = {
+    "_radps": {"deg/s": _DEG},
+    "_rad": {"deg": _DEG},
+    "_mps": {"mm/s": 1e-3, "cm/s": 1e-2},
+    "_m": {"mm": 1e-3, "cm": 1e-2},
+    "_s": {"ms": 1e-3},
+}
+_SHOWN_UNITS = {"_radps": "rad/s", "_mps": "m/s"}
+_SHARES = ("_probability", "_share", "_weight", "_min")
+_ROTATIONS = {"_rad": math.tau, "_deg": 360.0}
+_A_UNIT = re.compile(r"_(m|[cmu]m|rad|deg|s|[mu]s|k?hz|px|mps|cmps|mmps|kmh|radps|degps|mps2)$")
 NOT_REGISTERED = "not_registered"  # the type of a validation error: a name without an entry
 _SHOWN_SETTINGS, _SHOWN_LETTERS = 5, 60
 _KINDS = {
@@ -22,23 +36,6 @@ _KINDS = {
     "string_type": "text in quotes",
     "tuple_type": "a list of tables: write [[{key}]] above each",
 }
-_OPEN_QUOTE = r"=\s*(\"[^\"]*|'[^']*)$"
-# What a line that is not TOML looks like, and what to write instead.
-_SYNTAX = (
-    (r"[“”„‘’«»]", 'write straight quotes, as name = "five"'),
-    (r"^\s*[{}]", "write key = value, one a line, and [table] above those of a table"),
-    (r"^\s*[\w.-]+\s*:", "write = between a key and its value"),
-    (r"^\s*\w+ +\w+\s*=", "write a key without spaces, as track_m"),
-    (r"^\s*\[[^\]]*$", "a ] is missing"),
-    (_OPEN_QUOTE, "the quote at the end is missing"),
-    (r"=\s*[-+]?\d+,\d", "write decimals with a point, as 0.5"),
-    (r"=\s*[-+]?(\.\d|\d+\.(\D|$))", "write digits before and after the point, as 0.5"),
-    (r"=\s*[-+]?0\d", "write the number without the 0 in front"),
-    (r"=\s*([-+]?[\d.]+|[-+]?pi)\s*[*/+-]", "write the result: nothing is calculated here"),
-    (r"=\s*[-+]?[\d.]+\s*[A-Za-z°µ]", "write the number alone: its unit is that of the key"),
-    (r"=\s*(?i:true|false|yes|no|on|off)\b", "write true or false, in small letters"),
-    (r"=\s*[A-Za-z/.]", 'write text in quotes, as name = "five"'),
-)
 
 
 def explain_settings(
@@ -54,10 +51,10 @@ def explain_settings(
 def _explain(detail: ErrorDetails, model: type[BaseModel], text: str | None) -> str:
     location = list(detail["loc"])
     key = _shown(".".join(str(part) or '""' for part in location))
-    where = key if text is None else f"line {_line_of(location, text)}: {key}"
+    where = key if text is None else f"line {line_of(location, text)}: {key}"
     match detail["type"]:
         case "extra_forbidden":
-            return f"{where}: no such setting{_suggestion(location, model)}"
+            return f"{where}: no such setting{_suggestion(location, model, detail['input'])}"
         case "missing":
             return f"{where} is missing"
         case "model_type":
@@ -67,8 +64,8 @@ def _explain(detail: ErrorDetails, model: type[BaseModel], text: str | None) -> 
             words = str(detail["ctx"]["error"])
             if text is not None:  # words about two settings begin with the names of both
                 names = [found.split(".") for found in re.findall(r"\w[\w.]*", words)]
-                lines = [_line_of([*location, *name], text) for name in names]
-                where = f"line {max(lines, default=_line_of(location, text))}: {key}"
+                lines = [line_of([*location, *name], text) for name in names]
+                where = f"line {max(lines, default=line_of(location, text))}: {key}"
             return f"{where}: {words}" if key else f"{where}{words}"
     value = detail["input"]
     kind = _KINDS.get(detail["type"], "").format(key=key)
@@ -76,11 +73,20 @@ def _explain(detail: ErrorDetails, model: type[BaseModel], text: str | None) -> 
     if "number" in kind and isinstance(value, str | float):
         words += ", without quotes and unit" if isinstance(value, str) else ", without a point"
     words += _unit_hint(location, value, model)
-    return f"{where} = {_shown(repr(value))}: {words[:1].lower()}{words[1:]}"
+    return f"{where} = {_shown(_as_toml(value))}: {words[:1].lower()}{words[1:]}"
 
 
 def _is_item(location: list[int | str]) -> bool:
     return isinstance(location[-1], int)
+
+
+def _as_toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case datetime.date() | datetime.time():
+            return value.isoformat()
+    return repr(value)
 
 
 def _shown(text: str) -> str:
@@ -90,71 +96,71 @@ def _shown(text: str) -> str:
 
 
 def _unit_hint(location: list[int | str], value: object, model: type[BaseModel]) -> str:
-    """What the user may have meant by a number out of bounds: one in the unit of the screen.
-
-    Only where that is within the bounds.
-    """
+    """What the user may have meant by a number out of bounds, where that is within them."""
     if not isinstance(value, int | float) or isinstance(value, bool) or _is_item(location):
         return ""
     key = str(location[-1])
     rules = _section_of(location, model).model_fields[key].metadata
-    for suffix, (unit, factor) in _UNITS.items():
-        if not key.endswith(suffix) or abs(value) > 1e9:
-            continue
-        meant = value * factor
-        if all(
-            getattr(rule, "gt", -math.inf) < meant < getattr(rule, "lt", math.inf)
-            and getattr(rule, "ge", -math.inf) <= meant <= getattr(rule, "le", math.inf)
-            for rule in rules
-        ):
-            return f"; {value:g} {unit} are {meant:.6g} {suffix[1:]}"
-    return ""
+    if not abs(value) <= 1e9 or not any(isinstance(rule, Gt | Ge | Lt | Le) for rule in rules):
+        return ""
+    return "".join(
+        f"; {next(words for words, meant in readings if _allowed(meant, rules))}"
+        for readings in _readings(key, value)
+        if any(_allowed(meant, rules) for _, meant in readings)
+    )
 
 
-def explain_toml(error: ValueError, text: str) -> str:
-    """What keeps a text from being TOML, by its line, with a guess."""
-    if text.startswith("\ufeff"):
-        return "line 1 begins with a byte-order mark: save it as UTF-8 without one (BOM)"
-    if "\0" in text:
-        return f"line {text[: text.index(chr(0))].count(chr(10)) + 1}: this is not a text file"
-    lines = text.splitlines()
-    seen: dict[tuple[str, ...], int] = {}
-    for number, names in _paths(text, None):
-        path = tuple(names)
-        if lines[number - 1].lstrip().startswith("[["):  # another item, which restarts
-            seen = {other: line for other, line in seen.items() if other[: len(path)] != path}
-            continue
-        first = seen.setdefault(path, number)
-        if first != number:
-            return f"line {number}: {'.'.join(path)} is set twice, first in line {first}"
-    found = re.search(r"line (\d+)", str(error))
-    unclosed = [line for line in lines if re.search(_OPEN_QUOTE, line)]
-    wrong = lines[int(found[1]) - 1 :][:1] if found else unclosed
-    hints = (words for each in wrong for pattern, words in _SYNTAX if re.search(pattern, each))
-    return ": ".join([str(error), *itertools.islice(hints, 1)])
+def _allowed(value: float, rules: Sequence[object]) -> bool:
+    return all(
+        getattr(rule, "gt", -math.inf) < value < getattr(rule, "lt", math.inf)
+        and getattr(rule, "ge", -math.inf) <= value <= getattr(rule, "le", math.inf)
+        for rule in rules
+    )
 
 
-def _suggestion(location: list[int | str], model: type[BaseModel]) -> str:
+def _readings(key: str, value: float) -> Iterator[list[tuple[str, float]]]:
+    """Other readings of a number, in words and in the key's unit; in a list, the likely first."""
+    suffix = next((each for each in _UNITS if key.endswith(each)), "")
+    rotation = next((whole for unit, whole in _ROTATIONS.items() if key.endswith(unit)), 0.0)
+    if 0.0 < abs(value) <= rotation:
+        unit, meant = key.rpartition("_")[2], value - math.copysign(rotation, value)
+        yield [(f"a full rotation less, {value:g} {unit} are {meant:.6g} {unit}", meant)]
+    unit = _SHOWN_UNITS.get(suffix, suffix[1:])
+    yield [
+        (f"{value:g} {other} are {value * factor:.6g} {unit}", value * factor)
+        for other, factor in _UNITS.get(suffix, {}).items()
+    ]
+    if key.endswith("_hz") and value > 0.0:
+        yield [(f"a period of {value:g} s is {1.0 / value:.6g} Hz", 1.0 / value)]
+    if key.endswith(_SHARES) and 1.0 < value <= 100.0:
+        yield [(f"{value:g} % are {value / 100.0:g}", value / 100.0)]
+
+
+def _suggestion(location: list[int | str], model: type[BaseModel], value: object) -> str:
     """What the user may have meant: another unit or spelling, or a setting of another table."""
     unknown = str(location[-1])
-    section = _section_of(location, model)
-    known = list(section.model_fields)
-    stem = unknown.rpartition("_")[0]
-    same = [name for name in known if stem and name.rpartition("_")[0] == stem]
-    if elsewhere := _tables_of(unknown, model):
-        return f"; it belongs in {' or '.join(f'[{table}]' for table in elsewhere[:3])}"
+    known = list(_section_of(location, model).model_fields)
+    stem = _A_UNIT.sub("", unknown)
+    same = [name for name in known if _A_UNIT.sub("", name) == stem and _A_UNIT.search(name)]
+    if elsewhere := _tables_of(unknown, model, isinstance(value, dict)):
+        tables = " or ".join(f"[{table}]" for table in elsewhere[:3])
+        return f"; write {tables}" if isinstance(value, dict) else f"; it belongs in {tables}"
     if same:
-        return f"; the unit is wrong: write {same[0]}"
+        return f"; its unit is {'wrong' if stem != unknown else 'missing'}: write {same[0]}"
     near = difflib.get_close_matches(unknown.lower(), known, 1)
     return f"; did you mean {near[0]}?" if near else f"; known here: {', '.join(known)}"
 
 
-def _tables_of(key: str, model: type[BaseModel], table: str = "") -> list[str]:
-    """The tables that have a setting of this name."""
-    found = [table] if table and key in model.model_fields else []
+def _tables_of(key: str, model: type[BaseModel], table: bool, path: str = "") -> list[str]:
+    """The tables that have a setting of this name, or that are called so themselves."""
+    found = []
     for name, field in model.model_fields.items():
-        for section in _sections(field.annotation):
-            found += _tables_of(key, section, f"{table}.{name}".lstrip("."))
+        deeper = list(_sections(field.annotation))
+        here = f"{path}.{name}".lstrip(".")
+        if name == key and path and bool(deeper) == table:
+            found.append(here if table else path)
+        for section in deeper:
+            found += _tables_of(key, section, table, here)
     return found
 
 
@@ -172,36 +178,3 @@ def _sections(annotation: object) -> Iterator[type[BaseModel]]:
         yield annotation
     for part in typing.get_args(annotation):
         yield from _sections(part)
-
-
-def _line_of(location: list[int | str], text: str) -> int:
-    """The line (from 1) of the key at `location`; that of its table where the key is missing.
-
-    The TOML reader of the standard library keeps no positions, so the headers are followed here.
-    """
-    names = [str(part) for part in location if isinstance(part, str)]
-    item = next((part for part in location if isinstance(part, int)), None)
-    best = (0, 1)
-    for number, path in _paths(text, item):
-        common = min(len(path), len(names))  # a header may go deeper than the unknown table
-        if path[:common] == names[:common] and common > best[0]:
-            best = (common, number)
-    return best[1]
-
-
-def _paths(text: str, item: int | None) -> Iterator[tuple[int, list[str]]]:
-    """Line and full path of each header and key; of repeated tables, only of `item` (from 0)."""
-    table: list[str] = []
-    items: dict[str, int] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*(\[\[?)([^\]]+)\]", line)
-        key = re.match(r"\s*([\w\"'.-]+)\s*=", line)
-        if header:
-            table = [part.strip(" \"'") for part in header[2].split(".")]
-            if header[1] == "[[":
-                items[header[2]] = items.get(header[2], -1) + 1
-                if item not in (None, items[header[2]]):
-                    table = ["(another item)"]
-            yield number, table
-        elif key:
-            yield number, table + [part.strip("\"'") for part in key[1].split(".")]

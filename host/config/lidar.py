@@ -1,11 +1,11 @@
 """The settings of the lidar in robot.toml."""
 
 import math
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
-from host.config.section import Section, Text, listed, registered
+from host.config.section import Port, Section, contradiction, listed, registered
 from host.registry import LIDARS
 
 
@@ -44,7 +44,7 @@ class Lidar(Section):
     """The lidar: model, port, mounting in the robot frame, and what it sees of a teammate."""
 
     model: Annotated[str, AfterValidator(registered(LIDARS))] = "x4"
-    port: Text = "auto"
+    port: Port = "auto"
     x_m: float = Field(0.0, gt=-1.0, lt=1.0)
     y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
@@ -60,15 +60,24 @@ class Lidar(Section):
     clutter_per_m2: float = Field(0.02, gt=0.0, lt=100.0)  # false detections per revolution
     blind_sectors: Annotated[tuple[BlindSector, ...], listed] = Field(default_factory=_pillars)
 
-    @model_validator(mode="after")
-    def _ranges_and_a_view(self) -> Self:
+    @contradiction
+    def _ranges_and_a_view(self) -> None:
         if self.min_range_m >= self.max_range_m:
             raise ValueError(
                 f"min_range_m ({self.min_range_m}) must be less than max_range_m "
                 f"({self.max_range_m}): with these values nothing is ever detected"
             )
+        if self.half_range_m <= self.min_range_m:
+            raise ValueError(
+                f"half_range_m ({self.half_range_m}) must be more than min_range_m "
+                f"({self.min_range_m}): with these values hardly anything is ever detected"
+            )
+        if self.range_noise_m >= self.target_diameter_m:
+            raise ValueError(
+                f"range_noise_m ({self.range_noise_m}) must be less than target_diameter_m "
+                f"({self.target_diameter_m}): no turret is recognized in such noise"
+            )
         if _free_view(self.field_of_view_rad, self.blind_sectors) < _LEAST_VIEW_RAD:
             raise ValueError(
                 "blind_sectors hide all of field_of_view_rad: nothing is ever detected"
             )
-        return self

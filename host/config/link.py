@@ -1,11 +1,10 @@
 """The settings of the link between robots in robot.toml: odometry by UDP, signed."""
 
 import ipaddress
-from typing import Self
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from host.config.section import Section, Text
+from host.config.section import Line, Section, Text, contradiction
 
 _LEAST_KEY = 16  # characters: guessed sooner, if it is a word
 
@@ -19,7 +18,7 @@ class LinkSettings(Section):
     """
 
     robot: int = Field(0, ge=0, le=65535)
-    key: str = Field("", max_length=200, exclude=True, repr=False)
+    key: Line = Field("", exclude=True, repr=False)
     address: Text = "255.255.255.255"
     port: int = Field(47800, ge=1024, le=65535)
     rate_hz: float = Field(10.0, ge=1.0, le=50.0)
@@ -30,8 +29,8 @@ class LinkSettings(Section):
         """Is there a link at all?"""
         return bool(self.key)
 
-    @model_validator(mode="after")
-    def _key_and_address(self) -> Self:
+    @contradiction
+    def _key_and_address(self) -> None:
         if self.key and len(self.key) < _LEAST_KEY:
             raise ValueError(
                 f"key has {len(self.key)} characters: at least {_LEAST_KEY}, or none for no link; "
@@ -40,10 +39,11 @@ class LinkSettings(Section):
         if len(set(self.key)) == 1:
             raise ValueError("key repeats one character: make one with: openssl rand -hex 16")
         try:
-            ipaddress.IPv4Address(self.address)
+            address = ipaddress.IPv4Address(self.address)
         except ValueError:
+            address = ipaddress.IPv4Address(0)
+        if address.is_unspecified or address.is_multicast:
             raise ValueError(
                 f"address ({self.address}) must be that of a network's broadcast or of one "
                 "computer, as 255.255.255.255 or 192.168.0.255"
-            ) from None
-        return self
+            )

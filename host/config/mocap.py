@@ -3,12 +3,12 @@
 import ipaddress
 import math
 import re
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from host.config.cameras import Camera
-from host.config.section import Section, Text, listed
+from host.config.section import Section, Text, contradiction, listed
 
 # A name on the network, or an address of four numbers up to 255.
 _HOST = re.compile(r"((25[0-5]|2[0-4]\d|1?\d?\d)(\.(?!$)|$)){4}|(?![\d.]+$)[\w.-]+")
@@ -24,11 +24,11 @@ class NatNet(Section):
     data_port: int = Field(1511, ge=1, le=65535)
     up: Literal["y", "z"] = "y"  # the vertical axis in Motive
 
-    @model_validator(mode="after")
-    def _ports_and_group(self) -> Self:
+    @contradiction
+    def _ports_and_group(self) -> None:
         if self.command_port == self.data_port:
             raise ValueError(f"data_port must differ from command_port ({self.command_port})")
-        if not _HOST.fullmatch(self.server):
+        if not _HOST.fullmatch(self.server) or _is_no_computer(self.server):
             raise ValueError(
                 f"server ({self.server}) must be the address or the name of the computer with "
                 "Motive, as 192.168.0.100"
@@ -42,7 +42,15 @@ class NatNet(Section):
                 f"multicast_group ({self.multicast_group}) must be an address of multicast, "
                 "224.0.0.0 to 239.255.255.255, as Motive shows it"
             )
-        return self
+
+
+def _is_no_computer(server: str) -> bool:
+    """Whether it is an address of many computers, or of none."""
+    try:
+        address = ipaddress.IPv4Address(server)
+    except ValueError:
+        return False
+    return address.is_unspecified or address.is_multicast or server == "255.255.255.255"
 
 
 _OVERHEAD: dict[str, Any] = {"z_m": 2.5, "tilt_rad": math.pi / 2, "focal_px": 1400.0}
@@ -71,14 +79,17 @@ class Ceiling(Section):
             data = {**data, "eye": {**_OVERHEAD, **data["eye"]}}
         return data
 
-    @model_validator(mode="after")
-    def _tags_below(self) -> Self:
+    @contradiction
+    def _tags_below(self) -> None:
         if self.tag_height_m >= self.eye.z_m:
             raise ValueError(
                 f"tag_height_m ({self.tag_height_m}) must be less than eye.z_m ({self.eye.z_m}): "
                 "the camera looks down on the tags"
             )
-        return self
+        if self.eye.tilt_rad < 0.0:
+            raise ValueError(
+                f"eye.tilt_rad ({self.eye.tilt_rad:g}) is upward: positive is down, to the tags"
+            )
 
 
 class Turret(Section):
@@ -106,12 +117,23 @@ class Mocap(Section):
     natnet: NatNet = NatNet()
     ceiling: Ceiling = Ceiling()
 
-    @model_validator(mode="after")
-    def _each_turret_once(self) -> Self:
+    @contradiction
+    def _each_turret_once(self) -> None:
         numbers = [turret.body for turret in self.turrets]
         if len(set(numbers)) < len(numbers) or self.body in numbers:
             raise ValueError(
                 f"[[mocap.turrets]] has bodies {', '.join(map(str, numbers))}: each is another "
                 f"teammate's, and {self.body} is this robot"
             )
-        return self
+
+    @contradiction
+    def _tags_exist(self) -> None:
+        tags = int(self.ceiling.dictionary.rpartition("_")[2])
+        beyond = [
+            number for number in (self.body, *(t.body for t in self.turrets)) if number >= tags
+        ]
+        if self.source == "ceiling" and beyond:
+            raise ValueError(
+                f"body {beyond[0]} is no tag of ceiling.dictionary ({self.ceiling.dictionary}): "
+                f"its tags are 0 to {tags - 1}"
+            )

@@ -5,6 +5,7 @@ of range is an error that names the key, the line and the bound. Every value has
 """
 
 import math
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from host.config.cameras import Cameras
-from host.config.errors import explain_settings, explain_toml
+from host.config.errors import explain_settings
 from host.config.filters import FilterSettings
 from host.config.lidar import Lidar
 from host.config.link import LinkSettings
 from host.config.mocap import Mocap
 from host.config.section import RECORDED, Section, Text, contradiction
+from host.config.syntax import explain_toml
 from host.config.wheels import Board, Motors, Wheels
 from host.errors import UserError
 
@@ -33,6 +35,9 @@ _ONCE_OF_FILTERS = (
     "merge_distance",
     "capacity",
 )
+_FARTHEST_TRACKS = 3  # of a sensor from the origin: robots are hardly longer
+_FASTEST_TURN = 4.0  # times what the motors can do: more is deg/s
+_LARGEST_FILE = 1_000_000  # characters
 _SAME_VIEW_RAD = 0.1  # between the front and the rear camera: less is a slip
 
 
@@ -59,8 +64,12 @@ class RobotConfig(Section):
             ("camera.rear.source", self.camera.rear.source),
             ("mocap.ceiling.eye.source", self.mocap.ceiling.eye.source),
         ):
-            if port not in ("auto", "none") and first.setdefault(port, key) != key:
-                raise ValueError(f"{key} is that of {first[port]}, too ({port})")
+            device = os.path.realpath(port)  # it may have several names
+            if port not in ("auto", "none") and first.setdefault(device, key) != key:
+                raise ValueError(f"{key} is that of {first[device]}, too ({port})")
+        frames_come_to = self.mocap.natnet.data_port if self.mocap.source == "natnet" else None
+        if self.link.on and self.link.port == frames_come_to:
+            raise ValueError(f"link.port is that of mocap.natnet.data_port, too ({frames_come_to})")
 
     @contradiction
     def _two_views(self) -> None:
@@ -70,6 +79,52 @@ class RobotConfig(Section):
             raise ValueError(
                 f"camera.front.heading_rad ({front.heading_rad:g}) and camera.rear.heading_rad "
                 f"({rear.heading_rad:g}) must differ: as it is, both look the same way"
+            )
+
+    @contradiction
+    def _sensors_are_on_the_robot(self) -> None:
+        most = _FARTHEST_TRACKS * self.wheels.track_m
+        for name, part in (
+            ("lidar", self.lidar),
+            ("camera.front", self.camera.front),
+            ("camera.rear", self.camera.rear),
+            ("mocap", self.mocap),
+        ):
+            distance = math.hypot(part.x_m, part.y_m)
+            if distance > most:
+                raise ValueError(
+                    f"{name}.x_m ({part.x_m:g}) and {name}.y_m ({part.y_m:g}) are {distance:.3g} m "
+                    f"from the robot's origin, more than {_FARTHEST_TRACKS} times wheels.track_m "
+                    f"({self.wheels.track_m:g}): they are in m, in the robot frame"
+                )
+
+    @contradiction
+    def _motors_are_fast_enough(self) -> None:
+        wheels, full = self.wheels, self.motors.full_speed_mps
+        if wheels.max_speed_mps > full:
+            raise ValueError(
+                f"wheels.max_speed_mps ({wheels.max_speed_mps:g}) must be motors.full_speed_mps "
+                f"({full:g}) at most: no wheel is faster"
+            )
+        if 0.5 * wheels.track_m * wheels.max_turn_rate_radps > _FASTEST_TURN * full:
+            raise ValueError(
+                f"wheels.max_turn_rate_radps ({wheels.max_turn_rate_radps:g}) is far beyond "
+                f"motors.full_speed_mps ({full:g}): it is in rad/s, not deg/s"
+            )
+
+    @contradiction
+    def _something_is_seen_to_the_end(self) -> None:
+        if self.filter.survival_range_m <= self.lidar.min_range_m:
+            raise ValueError(
+                f"filter.survival_range_m ({self.filter.survival_range_m:g}) must be more than "
+                f"lidar.min_range_m ({self.lidar.min_range_m:g}): else teammates fade at once"
+            )
+        mains, ceiling = self.camera.mains_hz, self.mocap.ceiling
+        seen = {self.camera.front.source, self.camera.rear.source} != {"none"}
+        if seen and self.mocap.source == "ceiling" and ceiling.mains_hz != mains:
+            raise ValueError(
+                f"camera.mains_hz ({mains}) and mocap.ceiling.mains_hz ({ceiling.mains_hz}) must "
+                "be equal: the lamps are the same"
             )
 
 
@@ -89,7 +144,8 @@ def recorded_config(content: dict[str, Any]) -> RobotConfig:
 def load_config(path: str | Path) -> RobotConfig:
     """Read robot.toml. Raises UserError naming key, line and bound for whatever is wrong in it."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with Path(path).open(encoding="utf-8") as file:
+            text = file.read(_LARGEST_FILE + 1)
     except OSError as error:
         raise UserError(
             f"cannot read the configuration {path}",
@@ -99,9 +155,16 @@ def load_config(path: str | Path) -> RobotConfig:
     except UnicodeDecodeError as error:
         raise UserError(
             f"{path}, line {error.object.count(10, 0, error.start) + 1}: no text in UTF-8",
-            f"byte {error.start} is not",
+            f"byte {error.start} is not"
+            + ("; it looks like UTF-16" if error.object[:2] in (b"\xff\xfe", b"\xfe\xff") else ""),
             "save it as UTF-8",
         ) from error
+    if len(text) > _LARGEST_FILE:
+        raise UserError(
+            f"cannot read the configuration {path}",
+            f"it is longer than {_LARGEST_FILE} characters, and no robot.toml is",
+            "name a robot.toml with --robot FILE",
+        )
     return parse_config(text, str(path))
 
 

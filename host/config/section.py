@@ -17,6 +17,9 @@ from pydantic_core import PydanticCustomError
 from host.config.errors import NOT_REGISTERED
 from host.registry import Registry
 
+RECORDED = {"recorded": True}
+"""The validation context of a recording's settings."""
+
 
 def _printable(text: str) -> str:
     """The text. Raises ValueError for control characters, which would write over the screen."""
@@ -26,9 +29,30 @@ def _printable(text: str) -> str:
     return text
 
 
+def _trimmed(text: str, info: ValidationInfo) -> str:
+    if text != text.strip() and info.context != RECORDED:
+        raise ValueError("it begins or ends with a blank: remove it")
+    return text
+
+
+def _source(word: str, example: str) -> AfterValidator:
+    """A check of where a device's data come from: a path, or the one `word` that is none."""
+
+    def check(text: str, info: ValidationInfo) -> str:
+        slip = text.lower() in ("auto", "none", "off") or text.isdecimal()
+        if slip and text != word and info.context != RECORDED:
+            raise ValueError(f'{text!r} must be a path, as "{example}", or "{word}"')
+        return text
+
+    return AfterValidator(check)
+
+
 # TOML has lists; the configuration, which does not change, has tuples.
 listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
-Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
+Line = Annotated[str, Field(max_length=200), AfterValidator(_printable), AfterValidator(_trimmed)]
+Text = Annotated[Line, Field(min_length=1)]
+Port = Annotated[Text, _source("auto", "/dev/ttyUSB0")]
+Pictures = Annotated[Text, _source("none", "/dev/video0")]
 
 
 class Section(BaseModel):
@@ -52,9 +76,6 @@ def registered(registry: Registry) -> Callable[[str], str]:
 
     return check
 
-
-RECORDED = {"recorded": True}
-"""The validation context of a recording's settings."""
 
 _Table = TypeVar("_Table", bound=Section)
 

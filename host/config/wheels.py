@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from host.config.section import Section, Text, contradiction, registered
+from host.config.section import Port, Section, contradiction, registered
 from host.registry import BOARDS
 
 _LARGEST_RADIUS_RATIO = 1.5  # of a robot's left and right wheels
@@ -52,7 +52,7 @@ class Board(Section):
     """The board that counts ticks and drives the motors; port "auto": found by its USB ids."""
 
     model: Annotated[str, AfterValidator(registered(BOARDS))] = "romeo"
-    port: Text = "auto"
+    port: Port = "auto"
     report_rate_hz: int = Field(50, ge=10, le=100)
 
 

@@ -1,7 +1,6 @@
 """A camera as a source of bearings: its driver's pictures, searched for strips as they come."""
 
 import dataclasses
-import os
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -79,26 +78,11 @@ def _colourless() -> UserError:
 
 
 def camera_sources(config: Cameras) -> dict[str, StripCamera]:
-    """The cameras that have a source, by the name that Health calls them.
-
-    Raises UserError where both have the same one.
-    """
+    """The cameras that have a source, by the name that Health calls them."""
     by_name = {"front": config.front, "rear": config.rear}
     named = {name: camera for name, camera in by_name.items() if camera.source != "none"}
-    _refuse_shared({name: camera.source for name, camera in named.items()})
     absent = [f"the {name} camera has no source" for name in by_name if name not in named]
     return {
         f"{name} camera": StripCamera(name, config, camera, "; ".join(absent))
         for name, camera in named.items()
     }
-
-
-def _refuse_shared(sources: dict[str, str]) -> None:
-    """One camera under two names, which may be different paths to it, would be seen twice."""
-    if len({os.path.realpath(source) for source in sources.values()}) == len(sources):
-        return
-    raise UserError(
-        "the front and the rear camera have the same source",
-        " and ".join(f"[camera.{name}] says {source}" for name, source in sources.items()),
-        "name one of them otherwise in robot.toml; ls -l /dev/v4l/by-path shows the cameras",
-    )

@@ -115,7 +115,7 @@ def test_what_is_no_number_is_refused(value: str) -> None:
     [
         (
             "[wheels]\ntrack_cm = 14.4",
-            "line 2: wheels.track_cm: no such setting; the unit is wrong: write track_m",
+            "line 2: wheels.track_cm: no such setting; its unit is wrong: write track_m",
         ),
         (
             "[wheels]\n\ntrakc_m = 0.1",
@@ -124,7 +124,7 @@ def test_what_is_no_number_is_refused(value: str) -> None:
         ("[filters]\ngate = 9.0", "line 1: filters: no such setting; did you mean filter?"),
         ("zzz = 1", "line 1: zzz: no such setting; known here: name, wheels"),
         ('[filter]\nprofile = "pdh"', "line 2: filter.profile = 'pdh'"),
-        ("wheels.track_cm = 14.4", "line 1: wheels.track_cm: no such setting; the unit is wrong"),
+        ("wheels.track_cm = 14.4", "line 1: wheels.track_cm: no such setting; its unit is wrong"),
         ("name = 1\n[a.b]\nx = 1", "line 2: a: no such setting"),
     ],
 )
@@ -336,6 +336,60 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
         ("[lidar]\nheading_rad = 45\n", "45 deg are 0.785398 rad"),
         ("[wheels]\nleft_radius_m = 32.5\n", "32.5 mm are 0.0325 m"),
         ("[lidar]\ndelay_s = 150\n", "150 ms are 0.15 s"),
+        ("[wheels]\ntrack_m = 14.4\n", "14.4 cm are 0.144 m"),
+        ("[wheels]\nmax_turn_rate_radps = 180\n", "180 deg/s are 3.14159 rad/s"),
+        ("[wheels]\nmax_speed_mps = 400\n", "400 mm/s are 0.4 m/s"),
+        ("[lidar]\ndetection_probability = 95\n", "95 % are 0.95"),
+        ("[camera]\nsearch_rate_hz = 0.05\n", "a period of 0.05 s is 20 Hz"),
+        ("[board]\nreport_rate_hz = 0.02\n", "a period of 0.02 s is 50 Hz"),
+        ("[lidar]\nheading_rad = -3.2\n", "a full rotation less, -3.2 rad are 3.08319 rad"),
+        ("[camera.strip]\nhue_deg = 360\n", "a full rotation less, 360 deg are 0 deg"),
+        ("[lidar]\nx = 0.1\n", "its unit is missing: write x_m"),
+        ("[lidar]\nblind_sector = []\n", "did you mean blind_sectors?"),
+        ("[strip]\ntall_m = 0.1\n", "line 1: strip: no such setting; write [camera.strip]"),
+        ("[wheels]\ntrack_m = true\n", "wheels.track_m = true: must be a number"),
+        ("[wheels]\ntrack_m = 2026-01-02\n", "wheels.track_m = 2026-01-02: must be a number"),
+        ("[lidar]\nx_m = 0.7\n", "line 2: lidar.x_m (0.7) and lidar.y_m (0) are 0.7 m from the"),
+        ("[wheels]\ntrack_m = 0.1\n[camera.rear]\nx_m = -0.5\n", "line 4: camera.rear.x_m (-0.5)"),
+        ("[wheels]\nmax_speed_mps = 0.8\n", "line 2: wheels.max_speed_mps (0.8) must be motors"),
+        ("[wheels]\nmax_turn_rate_radps = 45\n", "it is in rad/s, not deg/s"),
+        ("[lidar]\nmin_range_m = 2.0\nhalf_range_m = 1.0\n", "half_range_m (1.0) must be more"),
+        ("[lidar]\nrange_noise_m = 0.1\n", "range_noise_m (0.1) must be less than target_diamet"),
+        ("[filter]\nsurvival_range_m = 0.12\n", "line 2: filter.survival_range_m (0.12) must be"),
+        ("[camera.front]\nfocal_px = 2.8\n", "focal_px (2.8) is too short for 1920 x 1080 px"),
+        ("[camera.front]\nlens = 'orthographic'\nk1 = 0.1\n", "line 3: camera.front: k1 and k2"),
+        ("[camera.strip]\nhue_deg = 5\nsaturation_min = 0\n", "grey has every hue"),
+        ("[camera.strip]\nhue_deg = 5\nvalue_min = 1\n", "value_min (1) must be less than 1"),
+        ("[mocap.ceiling.eye]\ntilt_rad = -1.57\n", "positive is down, to the tags"),
+        ("[mocap]\nsource = 'ceiling'\nbody = 50\n", "4X4_50): its tags are 0 to 49"),
+        (
+            "[camera]\nmains_hz = 60\n[camera.front]\nsource = 'a'\n[mocap]\nsource = 'ceiling'\n",
+            "camera.mains_hz (60) and mocap.ceiling.mains_hz (50) must be equal",
+        ),
+        ("[link]\nkey = '0123456789abcdef'\naddress = '0.0.0.0'\n", "must be that of a network's"),
+        (
+            "[mocap]\nsource = 'natnet'\n[link]\nkey = '0123456789abcdef'\nport = 1511\n",
+            "line 5: link.port is that of mocap.natnet.data_port, too",
+        ),
+        ("[mocap.natnet]\nserver = '239.255.42.99'\n", "must be the address or the name"),
+        ("[board]\nport = '/dev/ttyACM0 '\n", "begins or ends with a blank"),
+        ("[board]\nport = 'none'\n", """'none' must be a path, as "/dev/ttyUSB0", or "auto\""""),
+        ("[camera.front]\nsource = '0'\n", """must be a path, as "/dev/video0", or "none\""""),
+        ("[board]\nport = '/dev/x'\n[lidar]\nport = '/dev/./x'\n", "line 4: lidar.port is that"),
+        ("[lidar]\nx_m = 0.1,\n", "line 2, column 10): remove the comma"),
+        ("[lidar]\nx_m =\n", "the value is missing"),
+        ("[lidar] x_m = 0.1\n", "write [table] on a line of its own"),
+        ("[lidar]]\nx_m = 0.1\n", "write [table], or [[table]] for one of a list"),
+        ("name = 'it's'\n", "use the other kind of quotes"),
+        ('[board]\nport = "\\\\.\\COM3"\n', "or the text in single quotes"),
+        ("[lidar]\nx_m = 0.1 // ahead\n", "write # before a comment"),
+        ("[lidar]\nx_m == 0.1\n", "write = between a key and its value"),
+        ("[lidar]\nx_m = None\n", "write a number, or leave the line out"),
+        ("[lidar]\nblind_sectors = [{centre_rad = 1.0,}]\n", "remove the comma before the }"),
+        ("[lidar]\nblind_sectors = [\n", "(at end of document): a ] is missing"),
+        ('name = """a\n\n', "line 1: Unterminated string"),
+        ("camera.front.k1 = 0.1\n[camera.front]\n", "line 2: camera.front is set twice, first in"),
+        ("# \u2028\n[lidar]\nx_m = 7\n", "line 3: lidar.x_m = 7"),
     ],
 )
 def test_what_cannot_be_meant_is_said_by_its_line_with_a_hint(text: str, words: str) -> None:
@@ -355,3 +409,60 @@ def test_the_centre_of_a_lens_is_the_middle_of_its_picture_unless_it_is_given() 
 def test_sectors_that_leave_a_view_pass() -> None:
     behind = "[[lidar.blind_sectors]]\ncentre_rad = 3.1\nwidth_rad = 3.0\n"
     assert len(parse_config(f"[lidar]\n{behind}{behind}").lidar.blind_sectors) == 2
+
+
+sizes = st.floats(0.3, 3.0)  # of the default, of robots from palm to table size
+
+
+@given(scale=sizes, speed=sizes, ahead=st.floats(-2.0, 2.0), view=st.floats(0.5, 2.0))
+def test_a_sensible_robot_of_any_size_is_accepted(
+    scale: float, speed: float, ahead: float, view: float
+) -> None:
+    track = 0.144 * scale
+    parse_config(
+        f"""
+        [wheels]
+        track_m = {track}
+        left_radius_m = {0.0325 * scale}
+        right_radius_m = {0.0325 * scale * 1.02}
+        max_speed_mps = {0.4 * speed}
+        [motors]
+        full_speed_mps = {0.54 * speed}
+        [lidar]
+        x_m = {ahead * track}
+        [camera.front]
+        source = "/dev/video0"
+        width_px = 640
+        height_px = 480
+        focal_px = {320 / view}
+        x_m = {ahead * track}
+        [mocap.ceiling.eye]
+        x_m = {5.0 * ahead}
+        """
+    )
+
+
+def test_one_device_under_two_names_is_found(tmp_path: Path) -> None:
+    (tmp_path / "video0").touch()
+    (tmp_path / "by-path").symlink_to("video0")
+    sources = [
+        f"[camera.{name}]\nsource = '{tmp_path}/{path}'\n"
+        for name, path in (("front", "video0"), ("rear", "by-path"))
+    ]
+    assert "line 4: camera.rear.source is that of camera.front.source" in complaint(
+        "".join(sources)
+    )
+
+
+def test_a_file_of_another_kind_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_bytes("name = 'a'".encode("utf-16"))
+    with pytest.raises(UserError, match="it looks like UTF-16"):
+        load_config(path)
+    with pytest.raises(UserError, match="characters, and no robot"):
+        load_config("/dev/zero")
+    with pytest.raises(UserError, match="Is a directory"):
+        load_config(tmp_path)
+    path.write_bytes(b"[lidar]\rx_m = 7\r")
+    with pytest.raises(UserError, match=r"line 2: lidar\.x_m"):
+        load_config(path)

@@ -9,7 +9,6 @@ import pytest
 
 from host.config import Camera, Cameras
 from host.drivers.camera import driver
-from host.errors import UserError
 from host.messages import Bearings, Health, Message
 from host.sources.cameras import StripCamera, camera_sources
 
@@ -67,19 +66,6 @@ def test_pictures_without_colour_are_reported(
     path.write_bytes(b"".join(bytes(cv2.imencode(".jpg", p)[1]) for p in pictures))
     health = [m for m in messages(path, monkeypatch) if isinstance(m, Health)]
     assert any("the pictures are black and white" in h.reason for h in health if not h.ok) == grey
-
-
-def test_the_same_camera_under_two_names_is_refused(tmp_path: Path) -> None:
-    device = tmp_path / "video0"
-    device.touch()
-    link = tmp_path / "by-path"
-    link.symlink_to(device)
-    both = Cameras(front=Camera(source=str(device)), rear=Camera(source=str(link)))
-    with pytest.raises(UserError, match="the front and the rear camera have the same source"):
-        camera_sources(both)
-    apart = Cameras(front=Camera(source=str(device)), rear=Camera(source=str(tmp_path / "other")))
-    assert list(camera_sources(apart)) == ["front camera", "rear camera"]
-    assert camera_sources(Cameras()) == {}
 
 
 def test_one_camera_of_two_is_said(tmp_path: Path) -> None:
