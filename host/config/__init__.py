@@ -4,7 +4,7 @@ from host.config.cameras import Camera, Cameras, Strip
 from host.config.filters import FilterSettings, PmbSettings
 from host.config.lidar import BlindSector, Lidar
 from host.config.link import LinkSettings
-from host.config.mocap import Ceiling, Mocap, NatNet
+from host.config.mocap import Ceiling, Mocap, NatNet, OverheadCamera
 from host.config.robot import RobotConfig, load_config, parse_config, recorded_config
 from host.config.section import Section
 from host.config.wheels import Board, Motors, Wheels
@@ -21,6 +21,7 @@ __all__ = [
     "Mocap",
     "Motors",
     "NatNet",
+    "OverheadCamera",
     "PmbSettings",
     "RobotConfig",
     "Section",

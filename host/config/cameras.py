@@ -29,8 +29,8 @@ class Camera(Section):
     k2: float = Field(0.0, gt=-1.0, lt=1.0)
     reach_rad: float = Field(math.pi, gt=0.0, le=math.pi)
     beyond_noise_per_rad: float = Field(0.0, ge=0.0, le=10.0)
-    x_m: float = Field(0.0, gt=-20.0, lt=20.0)
-    y_m: float = Field(0.0, gt=-20.0, lt=20.0)
+    x_m: float = Field(0.0, gt=-1.0, lt=1.0)
+    y_m: float = Field(0.0, gt=-1.0, lt=1.0)
     z_m: float = Field(0.25, gt=0.0, lt=10.0)  # of the lens above the floor
     heading_rad: float = Field(0.0, ge=-math.pi, le=math.pi)
     tilt_rad: float = Field(0.7854, ge=-math.pi / 2, le=math.pi / 2)  # downward
@@ -125,8 +125,6 @@ class Strip(Section):
         for key in ("saturation_min", "value_min"):
             if getattr(self, key) == 1.0:
                 raise ValueError(f"{key} (1) must be less than 1: no pixel of a picture is beyond")
-        if self.saturation_min == 0.0:
-            raise ValueError("saturation_min (0) must be more than 0: grey has every hue")
 
 
 class Cameras(Section):

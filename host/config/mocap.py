@@ -3,9 +3,9 @@
 import ipaddress
 import math
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from host.config.cameras import Camera
 from host.config.section import Section, Text, contradiction, listed
@@ -53,31 +53,30 @@ def _is_no_computer(server: str) -> bool:
     return address.is_unspecified or address.is_multicast or server == "255.255.255.255"
 
 
-_OVERHEAD: dict[str, Any] = {"z_m": 2.5, "tilt_rad": math.pi / 2, "focal_px": 1400.0}
+class OverheadCamera(Camera):
+    """A camera under the ceiling: its mounting is that in the floor's frame."""
+
+    focal_px: float = Field(1400.0, gt=1.0, lt=10_000.0)
+    x_m: float = Field(0.0, gt=-20.0, lt=20.0)
+    y_m: float = Field(0.0, gt=-20.0, lt=20.0)
+    z_m: float = Field(2.5, gt=0.0, lt=20.0)
+    tilt_rad: float = Field(math.pi / 2, ge=0.0, le=math.pi / 2)
 
 
 class Ceiling(Section):
     """A camera under the ceiling that sees ArUco tags on the robots.
 
-    eye: the camera; its mounting is that in the floor's frame, here 2.5 m up and looking down.
+    eye: the camera; unless a file says otherwise it is 2.5 m up and looks down.
     delay_s: from an exposure to the picture's time stamp, or to its arrival where it has none.
     mains_hz: of the mains that the lamps are on, see `Cameras`.
     """
 
     mains_hz: Literal[50, 60] = 50
     delay_s: float = Field(0.0, ge=0.0, le=2.0)
-    eye: Camera = Camera(**_OVERHEAD)
+    eye: OverheadCamera = OverheadCamera()
     tag_m: float = Field(0.1, gt=0.005, lt=2.0)  # side of a tag's black square
     tag_height_m: float = Field(0.3, ge=0.0, lt=5.0)  # above the floor
     dictionary: Literal["4X4_50", "4X4_100", "5X5_100", "6X6_250"] = "4X4_50"
-
-    @model_validator(mode="before")
-    @classmethod
-    def _camera_overhead(cls, data: Any) -> Any:
-        """What a file leaves out of the camera is as it is under a ceiling, not on a robot."""
-        if isinstance(data, dict) and isinstance(data.get("eye"), dict):
-            data = {**data, "eye": {**_OVERHEAD, **data["eye"]}}
-        return data
 
     @contradiction
     def _tags_below(self) -> None:
@@ -85,10 +84,6 @@ class Ceiling(Section):
             raise ValueError(
                 f"tag_height_m ({self.tag_height_m}) must be less than eye.z_m ({self.eye.z_m}): "
                 "the camera looks down on the tags"
-            )
-        if self.eye.tilt_rad < 0.0:
-            raise ValueError(
-                f"eye.tilt_rad ({self.eye.tilt_rad:g}) is upward: positive is down, to the tags"
             )
 
 

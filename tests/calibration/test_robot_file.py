@@ -33,7 +33,7 @@ SETTINGS = {
     "lidar.clutter_per_m2": st.floats(1e-6, 99.0),
     "camera.rear.tilt_rad": st.floats(-math.pi / 2, math.pi / 2),
     "camera.rear.k1": st.floats(-0.9, 0.9),
-    "camera.front.focal_px": st.floats(100.0, 9000.0),
+    "camera.front.focal_px": st.floats(180.0, 9000.0),
     "lidar.blind_sectors": st.lists(
         st.fixed_dictionaries(
             {

@@ -9,7 +9,7 @@ cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "aruco"):
     pytest.skip("this OpenCV came without ArUco", allow_module_level=True)
 
-from host.config import Camera, Ceiling  # noqa: E402
+from host.config import Ceiling, OverheadCamera  # noqa: E402
 from host.perception.aruco import TagFinder  # noqa: E402
 from tests.perception.drawn_tags import draw, draw_all, marker, pixel_of  # noqa: E402
 
@@ -17,7 +17,7 @@ DOWN = math.pi / 2
 PLAIN = Ceiling()
 # A wide lens, turned and off the middle of the floor.
 WIDE = Ceiling(
-    eye=Camera(
+    eye=OverheadCamera(
         z_m=2.5,
         tilt_rad=DOWN,
         focal_px=1200.0,
@@ -98,7 +98,7 @@ def test_a_wrong_height_moves_a_tag_away_from_the_camera_in_proportion() -> None
 
 
 def test_corners_whose_rays_never_meet_the_tags_are_nowhere() -> None:
-    finder = TagFinder(Ceiling(eye=Camera(z_m=2.5, tilt_rad=0.0, focal_px=1400.0)))
+    finder = TagFinder(Ceiling(eye=OverheadCamera(z_m=2.5, tilt_rad=0.0, focal_px=1400.0)))
     points = finder.on_floor(np.array([[959.5, 539.5], [959.5, 0.0], [959.5, 1000.0]]))
     assert np.isnan(points[:2]).all()
     assert points[2] == pytest.approx([2.2 / math.tan(460.5 / 1400.0), 0.0])

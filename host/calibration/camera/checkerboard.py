@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from host.calibration.robust.statistics import plane_sigma
 from host.config import Camera
+from host.config.errors import explain_settings
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens, equidistant_limit, equidistant_radius
@@ -210,10 +211,9 @@ def _camera_of(values: FloatArray, camera: Camera) -> Camera:
     focal, x, y, k1, k2 = (float(value) for value in values[:5])
     settings = _plain(camera, focal, (x, y)).model_dump() | {"k1": k1, "k2": k2}
     try:
-        return Camera.model_validate(settings)
+        return type(camera).model_validate(settings)
     except ValidationError as error:
-        name = error.errors()[0]["loc"][0]
-        raise _not_a_lens(f"the best one has {name} = {settings[str(name)]:.4g}") from error
+        raise _not_a_lens(f"of the best one, {explain_settings(error, type(camera))}") from error
 
 
 def _pose(board: FloatArray, rays: FloatArray) -> FloatArray:

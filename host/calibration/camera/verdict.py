@@ -19,6 +19,7 @@ from host.calibration.camera.pairs import CAMERAS
 from host.calibration.result import Check, at_least, at_most
 from host.calibration.stamps import delay_check
 from host.config import Camera, Cameras
+from host.config.errors import explain_settings
 from host.perception.lens import equidistant_limit
 
 _SIGMA_RAD, _HALVES_RAD = math.radians(0.3), math.radians(1.0)  # of bearings
@@ -101,7 +102,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
         Camera.model_validate(camera.model_dump())
         wrong = []
     except ValidationError as error:
-        wrong = [str(detail["loc"][0]) for detail in error.errors()]
+        wrong = explain_settings(error, Camera).splitlines()
     return [
         at_least(
             f"{name} camera: half of the lens's field of view",
@@ -116,7 +117,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
             len(wrong),
             0,
             "values",
-            f"{', '.join(wrong)} cannot be; check that front and rear are not exchanged, and the "
+            f"{'; '.join(wrong)}; check that front and rear are not exchanged, and the "
             "strip's height in [camera.strip]",
         ),
     ]

@@ -72,7 +72,9 @@ def ray_error_deg(camera: Camera, expected: Camera, to_deg: float) -> float:
 @pytest.mark.parametrize("focal_px", [290.0, 590.0, 1100.0])
 def test_a_lens_is_found_from_exact_corners_whatever_was_configured(focal_px: float) -> None:
     camera = TRUE.model_copy(update={"focal_px": focal_px})
-    configured = Camera(lens="orthographic", focal_px=77.0, centre_x_px=0.0, k1=0.5, source="front")
+    configured = Camera(source="front").model_copy(
+        update={"lens": "orthographic", "focal_px": 77.0, "centre_x_px": 0.0, "k1": 0.5}
+    )
     fit = fit_lens(views_of(camera, 0.0), configured)
     assert fit.rms_px < 1e-5
     assert fit.reach_rad > np.radians(90.0)

@@ -16,7 +16,7 @@ from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
 from host.calibration.robust.rigid_alignment import align
 from host.cli.main import main
-from host.config import Camera, Ceiling, Mocap, RobotConfig, load_config
+from host.config import Ceiling, Mocap, OverheadCamera, RobotConfig, load_config
 from host.errors import UserError
 from host.geometry import to_parent
 from host.messages import FloatArray, Image
@@ -28,10 +28,12 @@ from tests.perception.drawn_tags import draw
 pytestmark = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV came without ArUco")
 SIZE = {"width_px": 960, "height_px": 720, "z_m": 2.5, "tilt_rad": math.pi / 2}
 TRUE = Ceiling(
-    eye=Camera(**SIZE, focal_px=700.0, centre_x_px=470.0, centre_y_px=366.0, k1=0.30, k2=0.11)
+    eye=OverheadCamera(
+        **SIZE, focal_px=700.0, centre_x_px=470.0, centre_y_px=366.0, k1=0.30, k2=0.11
+    )
 )
 TOLD = Ceiling(
-    eye=Camera(
+    eye=OverheadCamera(
         **SIZE, focal_px=680.0, centre_x_px=479.5, centre_y_px=359.5, k1=0.33, k2=0.13
     ).model_copy(update={"tilt_rad": math.radians(88.5), "roll_rad": math.radians(0.8)})
 )
@@ -55,7 +57,9 @@ def corners() -> FloatArray:
 
 def ceiling_of(calibration: Calibration, told: Ceiling) -> Ceiling:
     new = {key.split(".")[-1]: value for key, value in calibration.new_settings().items()}
-    return told.model_copy(update={"eye": Camera.model_validate(told.eye.model_dump() | new)})
+    return told.model_copy(
+        update={"eye": OverheadCamera.model_validate(told.eye.model_dump() | new)}
+    )
 
 
 def place_errors_mm(ceiling: Ceiling) -> FloatArray:
