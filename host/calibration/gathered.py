@@ -110,17 +110,19 @@ class Tracks:
             place = to_parent(np.broadcast_to(self.turrets[identity], place.shape), body)
         return to_frame(place, self.own(times))
 
+    def teammates(self, times: FloatArray) -> FloatArray:
+        """Positions (k, m, 2) m of all teammates in the robot frame at `times` (k,)."""
+        places = [self.relative(number, times) for number in self.identities.tolist()]
+        return np.stack(places, axis=1) if places else np.zeros((len(times), 0, 2))
+
     def rotated(self, identity: int, times: FloatArray) -> FloatArray:
         """Headings (k,) rad of a teammate's body in the robot frame at `times` (k,)."""
         return np.asarray(self.body(identity, times)[:, 2] - self.own(times)[:, 2])
 
     def truths(self, times: FloatArray) -> list[Truth]:
         """Where the teammates are at each of `times` (k,) at which they and the robot are seen."""
-        numbers = self.identities.tolist()
-        places = np.array([self.relative(number, times) for number in numbers])
-        places = places.reshape(len(numbers), len(times), 2)
         found = []
-        for time, seen in zip(times.tolist(), np.swapaxes(places, 0, 1), strict=True):
+        for time, seen in zip(times.tolist(), self.teammates(times), strict=True):
             tracked = np.isfinite(seen[:, 0])
             if tracked.any():
                 found.append(Truth(time, self.identities[tracked], seen[tracked]))

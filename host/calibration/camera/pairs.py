@@ -55,8 +55,7 @@ class Captured:
 
     def positions(self, times: FloatArray, shift_s: float = 0.0) -> FloatArray:
         """Positions (k, m, 2), one column a teammate."""
-        numbers = self._tracks.identities.tolist()
-        return np.stack([self._tracks.relative(n, times + shift_s) for n in numbers], axis=1)
+        return self._tracks.teammates(times + shift_s)
 
 
 class Ranged:

@@ -20,7 +20,7 @@ from host.calibration.stamps import delay_check
 from host.calibration.wheels import calibrate as wheels
 from host.calibration.wheels.drives import drives_of
 from host.calibration.wheels.verdict import LAG
-from host.config import Ceiling, Mocap
+from host.config import Ceiling
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
 
@@ -37,6 +37,7 @@ _SHOWN = (
     ("", "rotated about the floor's x-axis", "deg"),
     ("", "rotated about the floor's y-axis", "deg"),
 )
+_ANGLES = ("heading_rad", "tilt_rad", "roll_rad")
 _TOGETHER = "judged together, by what places on the floor are off"
 _HELD = "held, as the checkerboard has it"
 
@@ -56,9 +57,7 @@ def calibrate_view(corners: FloatArray, ceiling: Ceiling, lens_known: bool = Fal
     fit = problem.fit()
     first = np.arange(len(corners)) < len(corners) // 2
     halves = problem.part(first).fit(), problem.part(~first).fit()
-    eye = fit.ceiling.eye
-    angles = {f"mocap.ceiling.eye.{k}": getattr(eye, k) for k in _ANGLES}
-    lens = {f"mocap.ceiling.eye.{k}": getattr(eye, k) for k in LENS}
+    eye = {f"mocap.ceiling.eye.{k}": getattr(fit.ceiling.eye, k) for k in (*_ANGLES, *LENS)}
     return Calibration(
         kind="ceiling",
         fitted=_rows(problem, fit, halves, lens_known),
@@ -66,12 +65,9 @@ def calibrate_view(corners: FloatArray, ceiling: Ceiling, lens_known: bool = Fal
         residuals=f"rms {fit.rms_px:.2f} px over the corners of {int(fit.used.sum())} tags, "
         f"{100.0 * np.mean(fit.used):.0f} % of them used",
         pictures=_pictures(problem, fit),
-        settings=angles | lens | {"mocap.ceiling.eye.lens": "equidistant"},
+        settings=eye | {"mocap.ceiling.eye.lens": "equidistant"},
         figures={"rms_px": fit.rms_px, "tags": len(corners), "tags_used": int(fit.used.sum())},
     )
-
-
-_ANGLES = ("heading_rad", "tilt_rad", "roll_rad")
 
 
 def calibrate_delay(gathered: Gathered) -> Calibration:
@@ -79,7 +75,7 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
 
     Raises UserError as the fit of the wheels does, or where the truth is not of the ceiling camera.
     """
-    mocap: Mocap = gathered.config.mocap
+    mocap = gathered.config.mocap
     if mocap.source != "ceiling":
         raise UserError(
             "the delay of the ceiling camera cannot be fitted",
@@ -89,14 +85,11 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
     found = wheels.calibrate(drives_of(gathered), gathered.config.wheels, mocap)
     (lag,) = (row for row in found.fitted if row.name == LAG)
     delay = mocap.ceiling.delay_s - lag.value
-    row = Quantity(
-        "mocap.ceiling.delay_s", "delay of the ceiling camera", "ms", _DELAY_LIMIT_S
-    ).row(max(delay, 0.0), lag.sigma, mocap.ceiling.delay_s)
-    checks = (*found.checks, delay_check("delay of the ceiling camera", delay, lag.sigma))
+    what = Quantity("mocap.ceiling.delay_s", "delay of the ceiling camera", "ms", _DELAY_LIMIT_S)
     return Calibration(
         kind="ceiling",
-        fitted=(row,),
-        checks=checks,
+        fitted=(what.row(max(delay, 0.0), lag.sigma, mocap.ceiling.delay_s),),
+        checks=(*found.checks, delay_check(what.name, delay, lag.sigma)),
         residuals=found.residuals,
         pictures=found.pictures,
         warnings=found.warnings,

@@ -63,17 +63,18 @@ def find_sectors(scans: Sequence[Scan], lidar: Lidar) -> list[FoundSector]:
 
 def same_sector(sector: FoundSector, sectors: Sequence[FoundSector]) -> FoundSector | None:
     """The one of `sectors` that is the same as `sector`, if any."""
-    near = [
-        s for s in sectors if abs(float(wrap(s.centre - sector.centre))) < _SAME_RAD + s.width / 2
-    ]
-    return min(near, key=lambda s: abs(float(wrap(s.centre - sector.centre))), default=None)
+    near = [s for s in sectors if _apart(s, sector) < _SAME_RAD + s.width / 2]
+    return min(near, key=lambda s: _apart(s, sector), default=None)
+
+
+def _apart(one: FoundSector, other: FoundSector) -> float:
+    return abs(float(wrap(one.centre - other.centre)))
 
 
 def with_sigmas(sector: FoundSector, others: Sequence[list[FoundSector]]) -> FoundSector:
     """Jackknife over the pieces of the drive; where one of them decides, nothing is sure."""
-    same = [same_sector(sector, sectors) for sectors in others]
-    found = [s for s in same if s is not None]
-    if len(found) < len(same):
+    found = [near for sectors in others if (near := same_sector(sector, sectors))]
+    if len(found) < len(others):
         return FoundSector(sector.centre, sector.width, sector.width, sector.width)
     off = [(float(wrap(s.centre - sector.centre)), s.width) for s in found]
     # Directions are a fraction of a bin apart, but no better known than that.

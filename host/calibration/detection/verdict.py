@@ -142,7 +142,7 @@ def detection_advice(gathered: Gathered) -> list[str]:
     if not len(tracks.identities):
         return ["motion capture sees no teammate"]
     times = np.linspace(*tracks.span, _ADVICE_MOMENTS)
-    seen = np.concatenate([tracks.relative(k, times) for k in tracks.identities.tolist()])
+    seen = tracks.teammates(times).reshape(-1, 2)
     seen = seen[np.isfinite(seen).all(axis=1)]
     distances, bearings = np.hypot(*seen.T), np.arctan2(*seen.T[::-1])
     length = gathered.bodies[-1].time - gathered.bodies[0].time

@@ -228,8 +228,7 @@ def lidar_advice(gathered: Gathered) -> list[str]:
     except UserError as error:
         return [f"{error.what} ({error.why})"]
     times = np.array([scan.time for scan in gathered.scans])
-    near = [tracks.relative(int(n), times) for n in tracks.identities]
-    places = np.concatenate([np.zeros((0, 2)), *near])
+    places = tracks.teammates(times).reshape(-1, 2)
     ranges = np.hypot(*places.T)
     in_range = ranges <= gathered.config.lidar.max_range_m
     bearings = np.arctan2(places[:, 1], places[:, 0])

@@ -70,8 +70,7 @@ def find_turrets(scans: list[Scan], lidar: Lidar) -> Turrets:
 
 def truths_at(tracks: Tracks, times: FloatArray) -> FloatArray:
     """Positions (n, m, 2) of all teammates in the robot frame; far away where not known."""
-    truths = np.stack([tracks.relative(int(n), times) for n in tracks.identities], axis=1)
-    return np.where(np.isnan(truths), 1e6, truths)
+    return np.nan_to_num(tracks.teammates(times), nan=1e6)
 
 
 def nearest(placed: FloatArray, truths: FloatArray) -> tuple[IntArray, FloatArray]:

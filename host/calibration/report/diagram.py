@@ -130,8 +130,7 @@ def _draw(axes: "Axes", picture: ReportPicture) -> None:
             _points(axes, x, y, look, series.label)
     if not drawn:
         axes.text(0.5, 0.5, "no data", transform=axes.transAxes, ha="center", color="#4a5763")
-    if any(series.label for series in picture.series) and drawn:
-        _legend(axes)
+    _legend(axes)
 
 
 def _finite(series: Series) -> tuple[FloatArray, FloatArray]:
@@ -170,12 +169,10 @@ def _bars(axes: "Axes", series: Series, bars: list[Series], colour: str) -> None
 
 def _legend(axes: "Axes") -> None:
     """Above the picture, where it hides nothing; its marks as strong as can be."""
-    handles, labels = axes.get_legend_handles_labels()
-    named = [(h, label) for h, label in zip(handles, labels, strict=True) if label]
+    named, _ = axes.get_legend_handles_labels()
     if not named:
         return
     legend = axes.legend(
-        *zip(*named, strict=True),
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
         ncol=min(3, len(named)),
