@@ -1,5 +1,6 @@
 """What every calibration gives: fitted numbers, what of them passes, and what to draw of them."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -124,12 +125,12 @@ class Quantity(NamedTuple):
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+@dataclass(frozen=True, slots=True)
+class Condition:
     """A condition on the data or on the fit as a whole; made by `at_least` or `at_most`.
 
     value and threshold in `unit`, as the screen has them. side: of the threshold, on which the
-    value must be. advice: what to do where it fails. A value that is not a number fails.
+    value must be. A value that is not a number fails.
     """
 
     name: str
@@ -137,7 +138,6 @@ class Check:
     side: Literal["at least", "at most"]
     threshold: float
     unit: str
-    advice: str
 
     @property
     def passed(self) -> bool:
@@ -146,23 +146,28 @@ class Check:
             return self.value >= self.threshold
         return self.value <= self.threshold
 
+    def otherwise(self, advice: str) -> "Check":
+        """The check of this condition."""
+        return Check(**dataclasses.asdict(self), advice=advice)
 
-def _check(
-    side: Literal["at least", "at most"],
-    name: str,
-    value: float,
-    bound: float,
-    unit: str,
-    advice: str,
-) -> Check:
-    """A check that a value, in SI, keeps to its bound; both are shown in `unit`."""
+
+@dataclass(frozen=True, slots=True)
+class Check(Condition):
+    """A condition, and the advice what to do where it fails."""
+
+    advice: str
+
+
+def _condition(
+    side: Literal["at least", "at most"], name: str, value: float, bound: float, unit: str = ""
+) -> Condition:
+    """That a value, in SI, keeps to its bound; both are shown in `unit`."""
     scale = SCREEN_UNITS.get(unit.partition(" ")[0], 1.0)  # "mm rms" is in mm
-    value, bound = float(value) * scale, float(bound) * scale
-    return Check(name=name, value=value, side=side, threshold=bound, unit=unit, advice=advice)
+    return Condition(name, float(value) * scale, side, float(bound) * scale, unit)
 
 
-at_least = functools.partial(_check, "at least")
-at_most = functools.partial(_check, "at most")
+at_least = functools.partial(_condition, "at least")
+at_most = functools.partial(_condition, "at most")
 
 _OfReadings = Literal["", "measured", "refused", "front", "rear", "along", "across"]
 Role = _OfReadings | Literal["reference", "before", "fitted"]

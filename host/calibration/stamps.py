@@ -36,9 +36,10 @@ def stamps_check(tracks: Sequence[FloatArray]) -> Check:
         late,
         max(_LATEST_S, _LATEST_SHARE * usual),
         "ms",
+    ).otherwise(
         f"frames come at irregular times, about {1e3 * late:.0f} ms late on average: the true path "
         "is stamped as it arrives, which every delay inherits; stream by cable, use a version that "
-        "stamps the exposure (NatNet 3.0), or export the take and give it with --truth",
+        "stamps the exposure (NatNet 3.0), or export the take and give it with --truth"
     )
 
 
@@ -49,7 +50,8 @@ def delay_check(name: str, delay: float, sigma: float) -> Check:
         delay + _SIGMAS * (sigma if math.isfinite(sigma) else 0.0) + _TOLERANCE_S,
         0.0,
         "ms",
+    ).otherwise(
         f"it comes out at {1e3 * delay:.1f} ms, but nothing is measured before it happens: stamps "
         "of motion capture are late (a ceiling camera has mocap.ceiling.delay_s for that); see its "
-        "latency, and that one clock stamps both",
+        "latency, and that one clock stamps both"
     )

@@ -113,10 +113,10 @@ def _checks(pictures: list[SearchedPicture], learnt: bool) -> Iterator[Check]:
         "strips found",
         sum(picture.strips_found for picture in pictures),
         sum(picture.strips_given for picture in pictures),
-        "",
+    ).otherwise(
         f"{_names(missed)} shows a strip that is not found: draw its box close around it, see why "
         "it is dropped in the picture drawn, and check height_m, tall_m and diameter_m in "
-        "[camera.strip]",
+        "[camera.strip]"
     )
     mistaken = [picture for picture in pictures if picture.others]
     way_out = (
@@ -125,23 +125,17 @@ def _checks(pictures: list[SearchedPicture], learnt: bool) -> Iterator[Check]:
         else "take it away, or cover it"
     )
     yield at_most(
-        "false detections of strips",
-        sum(len(picture.others) for picture in pictures),
-        0,
-        "",
+        "false detections of strips", sum(len(picture.others) for picture in pictures), 0
+    ).otherwise(
         f"what is framed in yellow in {_names(mistaken)} is in no box given, yet found: {way_out}; "
-        "if it is a strip, give a box around it, too",
+        "if it is a strip, give a box around it, too"
     )
     if learnt:
         shares = [np.count_nonzero(p.background) / max(p.band_px, 1) for p in pictures]
         worst = int(np.argmax(shares))
-        yield at_most(
-            "background in its colour",
-            max(shares),
-            _MOST_BACKGROUND,
-            "%",
+        yield at_most("background in its colour", max(shares), _MOST_BACKGROUND, "%").otherwise(
             f"what is painted yellow in {_names([pictures[worst]])} has the strip's colour, and "
-            f"hides strips before it: {way_out}",
+            f"hides strips before it: {way_out}"
         )
 
 

@@ -70,7 +70,7 @@ def calibrate(gathered: Gathered) -> Calibration:
     return Calibration(
         kind="camera",
         fitted=(*rows, late),
-        checks=(at_least("positions that agree", least, _LEAST_USED, "%", advice),),
+        checks=(at_least("positions that agree", least, _LEAST_USED, "%").otherwise(advice),),
         residuals=", ".join(
             f"{name}: rms {1e3 * each.motion.rms:.0f} mm over {len(each.motion.inliers)} positions"
             for name, each in found.items()

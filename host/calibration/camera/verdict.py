@@ -44,13 +44,9 @@ def verdict(
             ]
     return (
         *checks,
-        at_most(
-            "sigma of the delay",
-            sigma,
-            _DELAY_S,
-            "ms",
+        at_most("sigma of the delay", sigma, _DELAY_S, "ms").otherwise(
             "rotate the robot to the left and to the right while teammates are in view: "
-            "at one constant speed a delay looks like a camera that is mounted askew",
+            "at one constant speed a delay looks like a camera that is mounted askew"
         ),
         delay_check("delay of the cameras", cameras.delay_s + fit.delay, sigma),
         _agreement(cameras, fit, halves, table),
@@ -64,8 +60,7 @@ def _views(name: str, found: list[BearingSector]) -> Check:
         sum(sector.pairs >= LEAST_VIEWS for sector in found),
         max(len(found), 1),
         "sectors",
-        f"{gaps}; drive so that a teammate comes by there, near and far",
-    )
+    ).otherwise(f"{gaps}; drive so that a teammate comes by there, near and far")
 
 
 def _bearings(name: str, found: list[BearingSector], timed: bool) -> Check:
@@ -76,11 +71,12 @@ def _bearings(name: str, found: list[BearingSector], timed: bool) -> Check:
         float(np.max([sector.sigma_rad for sector in seen])) if seen else math.inf,
         _SIGMA_RAD,
         "deg",
+    ).otherwise(
         f"{name} camera knows bearings badly {sectors_in_words(bad, found)}: record for longer, "
         "with teammates there, near (0.5 m) and far (2 m)"
         if timed
         else "as long as the delay is not known, neither is where the camera looks: rotate both "
-        "ways, at more than one speed, with teammates in view",
+        "ways, at more than one speed, with teammates in view"
     )
 
 
@@ -90,8 +86,9 @@ def _explained(fit: CameraFit, number: int) -> Check:
         float(np.mean(fit.used[fit.pairs.strips.cameras == number])),
         _USED_SHARE,
         "%",
+    ).otherwise(
         "take away what else has the strip's colour, or narrow the colour; check the strip's "
-        "height in [camera.strip], and motion capture for bodies it loses",
+        "height in [camera.strip], and motion capture for bodies it loses"
     )
 
 
@@ -109,16 +106,13 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
             equidistant_limit(camera.k1, camera.k2),
             math.radians(90.0),
             "deg",
+        ).otherwise(
             "no such lens is built: bring teammates to the border of the picture, or give pictures "
-            "of a checkerboard",
+            "of a checkerboard"
         ),
-        at_most(
-            f"{name} camera: values out of bounds",
-            len(wrong),
-            0,
-            "values",
+        at_most(f"{name} camera: values out of bounds", len(wrong), 0, "values").otherwise(
             f"{'; '.join(wrong)}; check that front and rear are not exchanged, and the "
-            "strip's height in [camera.strip]",
+            "strip's height in [camera.strip]"
         ),
     ]
 
@@ -138,10 +132,8 @@ def _agreement(
         all_off = np.abs(np.concatenate(off))
         apart = float(np.percentile(all_off, 95)) if len(all_off) else math.inf
     return at_most(
-        "difference of bearings between the halves (95 %)",
-        apart,
-        _HALVES_RAD,
-        "deg",
+        "difference of bearings between the halves (95 %)", apart, _HALVES_RAD, "deg"
+    ).otherwise(
         "record for longer, with teammates all around in each half; if that does not help, look "
-        "whether a camera is loose",
+        "whether a camera is loose"
     )

@@ -121,29 +121,27 @@ def _checks(problem: CeilingProblem, fit: CeilingFit) -> tuple[Check, ...]:
     _, counts = np.unique(part, axis=0, return_counts=True)
     sigmas = problem.place_sigmas(fit)
     return (
-        at_least("tags used", int(fit.used.sum()), _LEAST_TAGS, "", "take more pictures of tags"),
+        at_least("tags used", int(fit.used.sum()), _LEAST_TAGS).otherwise(
+            "take more pictures of tags"
+        ),
         at_least(
             "parts of the picture with tags",
             int(np.count_nonzero(counts >= _LEAST_A_PART)),
             _LEAST_PARTS,
             f"of {_PARTS**2}",
-            "drive a tag through all of the view, its corners, too",
-        ),
-        at_most(
-            "error of tag corners",
-            fit.rms_px,
-            _LARGEST_RMS_PX,
-            "px rms",
+        ).otherwise("drive a tag through all of the view, its corners, too"),
+        at_most("error of tag corners", fit.rms_px, _LARGEST_RMS_PX, "px rms").otherwise(
             "tags of the given size do not explain the pictures: check tag_m, that tags are flat "
-            "and level, and that pictures are sharp",
+            "and level, and that pictures are sharp"
         ),
         at_most(
             "sigma of a position on the floor, worst in the picture",
             float(np.max(sigmas)) if len(sigmas) else math.inf,
             _PLACE_LIMIT_M,
             "mm",
+        ).otherwise(
             "take more pictures, with tags towards the corners of the picture; a larger tag makes "
-            "the scale surer",
+            "the scale surer"
         ),
     )
 

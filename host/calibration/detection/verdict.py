@@ -31,21 +31,18 @@ def lidar_verdict(
     """Conditions on what the lidar saw; clear (n,): the views outside of its blind sectors."""
     off = np.hypot(*survey.offsets[clear].T)
     off = off[np.isfinite(off)]
+    offset = float(np.median(off)) if len(off) else _NOWHERE_M
+    headings = len(DIRECTIONS) - len(missing_directions(survey.robots[:, 2], _LEAST_IN_ONE))
     return [
-        _count("revolutions of the lidar", len(survey.times), _LEAST_SCANS, "drive longer"),
-        _count(
-            "robot headings covered",
-            len(DIRECTIONS) - len(missing_directions(survey.robots[:, 2], _LEAST_IN_ONE)),
-            _LEAST_HEADINGS,
-            "rotate the robot all around: a dark wall and a pillar look alike until it does",
+        at_least("revolutions of the lidar", len(survey.times), _LEAST_SCANS).otherwise(
+            "drive longer"
         ),
-        at_most(
-            "offset of candidates from the truth",
-            float(np.median(off)) if len(off) else _NOWHERE_M,
-            _BESIDE_M,
-            "mm",
+        at_least("robot headings covered", headings, _LEAST_HEADINGS).otherwise(
+            "rotate the robot all around: a dark wall and a pillar look alike until it does"
+        ),
+        at_most("offset of candidates from the truth", offset, _BESIDE_M, "mm").otherwise(
             "most turrets are found beside where motion capture has the teammates: run "
-            "`swarmloc calibrate lidar` first",
+            "`swarmloc calibrate lidar` first"
         ),
         *_view_checks("lidar", survey.views.part(clear)),
         *_kept_half_range("lidar", curve, lidar.half_range_m),
@@ -57,60 +54,42 @@ def camera_verdict(
 ) -> list[Check]:
     """Conditions on what the cameras saw; mean (rad): the mean error of their bearings."""
     return [
-        _count("pictures", len(survey.times), _LEAST_PICTURES, "drive longer"),
+        at_least("pictures", len(survey.times), _LEAST_PICTURES).otherwise("drive longer"),
         at_most(
             "mean error of the bearings",
             abs(mean),
             max(_MEAN_ERROR_RAD, _MEAN_SHARE * survey.gate / GATE_SIGMAS),
             "deg",
-            "the cameras see teammates beside where they are: run `swarmloc calibrate camera` "
-            "first",
+        ).otherwise(
+            "the cameras see teammates beside where they are: run `swarmloc calibrate camera` first"
         ),
         *_view_checks("camera", survey.views),
         at_least(
-            "view without teammates",
-            float(survey.free.sum()),
-            _LEAST_FREE_RAD,
-            "rad",
-            "false blobs are recognised only away from teammates: use fewer of them, or drive on",
+            "view without teammates", float(survey.free.sum()), _LEAST_FREE_RAD, "rad"
+        ).otherwise(
+            "false blobs are recognised only away from teammates: use fewer of them, or drive on"
         ),
         *_kept_half_range("camera", curve, cameras.half_range_m),
     ]
 
 
-def _count(name: str, count: int, least: int, advice: str) -> Check:
-    return at_least(name, count, least, "", advice)
-
-
 def _view_checks(sensor: str, views: Views) -> list[Check]:
     near, far = views.distances < _NEAR_M, views.distances > _FAR_M
-    rows = (
-        (
-            "views of teammates",
-            len(views),
-            _LEAST_VIEWS,
-            "keep teammates in plain view, apart from each other, and drive longer",
+    around = len(DIRECTIONS) - len(missing_directions(views.bearings, _LEAST_IN_ONE))
+    return [
+        at_least(f"{sensor}: views of teammates", len(views), _LEAST_VIEWS).otherwise(
+            "keep teammates in plain view, apart from each other, and drive longer"
         ),
-        (
-            f"views nearer than {_NEAR_M:g} m",
-            int(near.sum()),
-            _LEAST_SIDE_VIEWS,
-            "drive close to teammates",
+        at_least(
+            f"{sensor}: views nearer than {_NEAR_M:g} m", near.sum(), _LEAST_SIDE_VIEWS
+        ).otherwise("drive close to teammates"),
+        at_least(f"{sensor}: views beyond {_FAR_M:g} m", far.sum(), _LEAST_SIDE_VIEWS).otherwise(
+            "drive further away from teammates"
         ),
-        (
-            f"views beyond {_FAR_M:g} m",
-            int(far.sum()),
-            _LEAST_SIDE_VIEWS,
-            "drive further away from teammates",
-        ),
-        (
-            "directions with views of teammates",
-            len(DIRECTIONS) - len(missing_directions(views.bearings, _LEAST_IN_ONE)),
-            _LEAST_DIRECTIONS,
-            "drive so that teammates are seen on all sides of the robot",
-        ),
-    )
-    return [_count(f"{sensor}: {name}", n, least, advice) for name, n, least, advice in rows]
+        at_least(
+            f"{sensor}: directions with views of teammates", around, _LEAST_DIRECTIONS
+        ).otherwise("drive so that teammates are seen on all sides of the robot"),
+    ]
 
 
 def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> list[Check]:
@@ -119,12 +98,10 @@ def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> lis
         return []
     return [
         at_most(
-            f"{sensor}: views within the half-range that is kept",
-            curve.reach_m,
-            configured_m,
-            "m",
+            f"{sensor}: views within the half-range that is kept", curve.reach_m, configured_m, "m"
+        ).otherwise(
             f"teammates are still detected at {curve.reach_m:.1f} m, beyond the configured "
-            "half-range: drive further away from them",
+            "half-range: drive further away from them"
         )
     ]
 

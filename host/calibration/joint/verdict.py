@@ -17,12 +17,8 @@ _VAGUE = 1e-2  # of the hold on turrets, where one sensor alone shall say where 
 
 def verdict(problem: Problem, solution: Solution) -> tuple[Check, ...]:
     """Every condition on the fit."""
-    settled = at_most(
-        "last step of the fit",
-        solution.last_step,
-        _SETTLED,
-        "sigmas",
-        "calibrate wheels, lidar and cameras by themselves again: this fit begins with theirs",
+    settled = at_most("last step of the fit", solution.last_step, _SETTLED, "sigmas").otherwise(
+        "calibrate wheels, lidar and cameras by themselves again: this fit begins with theirs"
     )
     by = turrets_by_sensor(problem, solution)
     if len(by) < 2:
@@ -34,13 +30,11 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Check, ...]:
     return (
         settled,
         at_most(
-            "distance between turrets by the lidar and by the cameras",
-            apart,
-            _APART,
-            "sigmas",
+            "distance between turrets by the lidar and by the cameras", apart, _APART, "sigmas"
+        ).otherwise(
             f"the lidar has turrets up to {lidar_mm:.0f} mm beside their pivots, the cameras up to "
             f"{camera_mm:.0f} mm: the one that is farther off sees something else than turrets, or "
-            "moved during the drive",
+            "moved during the drive"
         ),
     )
 

@@ -83,27 +83,15 @@ def coverage_checks(ranges: FloatArray, bearings: FloatArray) -> tuple[Check, Ch
     missing = missing_directions(bearings, _LEAST_IN_ONE)
     near, far = np.percentile(ranges, _PERCENTILES) if len(ranges) else (0.0, 0.0)
     return (
-        at_least(
-            "teammates seen",
-            len(ranges),
-            _LEAST_PAIRS,
-            "",
+        at_least("teammates seen", len(ranges), _LEAST_PAIRS).otherwise(
             f"drive on, with a teammate 0.5 to 2 m away: {len(ranges)} sightings so far, "
-            f"{_LEAST_PAIRS} are needed",
+            f"{_LEAST_PAIRS} are needed"
         ),
         at_least(
-            "bearings covered",
-            len(DIRECTIONS) - len(missing),
-            _LEAST_DIRECTIONS,
-            "of 8 directions",
-            f"let a teammate be seen {', '.join(missing)}",
-        ),
-        at_least(
-            "ranges covered",
-            far - near,
-            _LEAST_RANGES_M,
-            "m",
-            f"let a teammate come from 0.5 to 2 m away: {near:.1f} to {far:.1f} m so far",
+            "bearings covered", len(DIRECTIONS) - len(missing), _LEAST_DIRECTIONS, "of 8 directions"
+        ).otherwise(f"let a teammate be seen {', '.join(missing)}"),
+        at_least("ranges covered", far - near, _LEAST_RANGES_M, "m").otherwise(
+            f"let a teammate come from 0.5 to 2 m away: {near:.1f} to {far:.1f} m so far"
         ),
     )
 
@@ -113,24 +101,16 @@ def verdict(outcome: Outcome) -> tuple[Check, ...]:
     seen, around, near_and_far = coverage_checks(*outcome.polar)
     return (
         seen,
-        at_least(
-            "turrets that are teammates",
-            outcome.share,
-            _LEAST_SHARE,
-            "%",
+        at_least("turrets that are teammates", outcome.share, _LEAST_SHARE, "%").otherwise(
             "see that [mocap] body is this robot, that every robot on the floor has a body, and "
-            "clear the floor of other things as thin as a turret",
+            "clear the floor of other things as thin as a turret"
         ),
         *_delay_checks(outcome),
         around,
         near_and_far,
-        at_most(
-            "residual",
-            outcome.rms,
-            _LARGEST_RMS_M,
-            "mm rms",
+        at_most("residual", outcome.rms, _LARGEST_RMS_M, "mm rms").otherwise(
             "the lidar and motion capture do not agree: see that the bodies' origins are above the "
-            "middle of the turrets, and that lidar.target_diameter_m is right",
+            "middle of the turrets, and that lidar.target_diameter_m is right"
         ),
     )
 
@@ -141,22 +121,16 @@ def _delay_checks(outcome: Outcome) -> tuple[Check, Check]:
     first, last = outcome.curve.delays[[0, -1]]
     end = "longest" if last - high < low - first else "shortest"
     return (
-        at_most(
-            "delays that fit as well as the best",
-            high - low,
-            WIDEST_S,
-            "ms",
+        at_most("delays that fit as well as the best", high - low, WIDEST_S, "ms").otherwise(
             f"all delays from {1e3 * low:.0f} to {1e3 * high:.0f} ms fit as well, since on a path "
             "like a circle at constant speed, delay and rotation of the lidar are one; rotate "
-            "both ways, and change the speed",
+            "both ways, and change the speed"
         ),
         at_least(
-            "delays searched beyond those that fit",
-            outcome.beyond,
-            _LEAST_BEYOND_S,
-            "ms",
+            "delays searched beyond those that fit", outcome.beyond, _LEAST_BEYOND_S, "ms"
+        ).otherwise(
             f"of the delays searched, {1e3 * first:.0f} to {1e3 * last:.0f} ms, the {end} fits "
             "about as well as the best, so the true one may lie beyond: see that lidar and motion "
-            "capture are stamped by one clock, or rotate both ways and change the speed",
+            "capture are stamped by one clock, or rotate both ways and change the speed"
         ),
     )

@@ -144,50 +144,39 @@ def verdict(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
     off = found.values[:2] / (wheels.left_radius_m, wheels.right_radius_m) - 1.0
     worst = int(np.argmax(np.abs(off)))
     rotations = [
-        at_least(
-            f"rotation to the {side}",
-            angle,
-            LEAST_TURN_RAD,
-            "deg",
+        at_least(f"rotation to the {side}", angle, LEAST_TURN_RAD, "deg").otherwise(
             f"the robot rotates to the {side} by {math.degrees(angle):.0f} deg only: rotating one "
             "way, or going straight on, does not separate the track from the wheels' radii; "
-            f"rotate to the {side} too",
+            f"rotate to the {side} too"
         )
         for side, angle in (("left", driven.left_rad), ("right", driven.right_rad))
     ]
     return (
-        at_least(
-            "distance driven",
-            driven.way_m,
-            LEAST_WAY_M,
-            "m",
-            f"drive further than {LEAST_WAY_M:.0f} m: {driven.way_m:.1f} m so far",
+        at_least("distance driven", driven.way_m, LEAST_WAY_M, "m").otherwise(
+            f"drive further than {LEAST_WAY_M:.0f} m: {driven.way_m:.1f} m so far"
         ),
         *rotations,
         at_most(
             "correlation of the track with the difference of the wheels",
             _track_correlation(found),
             _TOO_ALIKE,
-            "",
+        ).otherwise(
             "on this path a wider track looks like a larger wheel: rotate as much to the left as "
-            "to the right, and drive straight in between",
+            "to the right, and drive straight in between"
         ),
-        at_least(
-            "parts of the drive that fit together",
-            used,
-            _LEAST_USED,
-            "%",
+        at_least("parts of the drive that fit together", used, _LEAST_USED, "%").otherwise(
             "the wheels slipped, the robot was pushed, or motion capture tracks something else: "
-            "check that mocap.body is this robot, and drive slower on a clean floor",
+            "check that mocap.body is this robot, and drive slower on a clean floor"
         ),
         at_most(
             "difference of a radius from the configured one",
             abs(float(off[worst])),
             _PLAUSIBLE,
             "%",
+        ).otherwise(
             f"the {('left', 'right')[worst]} wheel's radius comes out {100.0 * off[worst]:+.1f} % "
             "off: no wheel differs so much; measure its diameter, and check the gear and "
-            "counts_per_turn in robot.toml",
+            "counts_per_turn in robot.toml"
         ),
     )
 

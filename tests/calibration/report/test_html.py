@@ -40,8 +40,10 @@ HEADING = Fitted(
     unit="deg",
 )
 NOISE = Fitted(key="", name="noise", value=0.0041, sigma=math.nan, unbounded="read only", unit="mm")
-USED = at_least("pairs used", 0.712, 0.5, "%", "(never shown)")
-FLAT = at_least("delay separate from rotation", 1.2, 3.0, "times", "drive eights & stop <often>")
+USED = at_least("pairs used", 0.712, 0.5, "%").otherwise("(never shown)")
+FLAT = at_least("delay separate from rotation", 1.2, 3.0, "times").otherwise(
+    "drive eights & stop <often>"
+)
 PICTURES = (
     ReportPicture(
         title="Path $1 <b>",
@@ -148,7 +150,7 @@ def test_a_fit_that_fails_says_why_and_what_to_do() -> None:
 
 @given(st.text(), st.text())
 def test_words_from_elsewhere_stay_words(source: str, advice: str) -> None:
-    check = at_least(source, 1.0, 2.0, "m", advice)
+    check = at_least(source, 1.0, 2.0, "m").otherwise(advice)
     text = as_html(calibration(check), source, "2026-11-22", advice)
     tags = as_html(calibration(FLAT), "", "2026-11-22", "").count("<")
     assert text.count("<") == tags
@@ -306,20 +308,20 @@ def test_a_value_has_the_digits_that_its_sigma_allows(
 @pytest.mark.parametrize(
     ("check", "found", "needed"),
     [
-        (at_least("c", 4.0, 3.0, "m", "a"), "4 m", "≥ 3 m ok"),
-        (at_least("c", 2.0, 3.0, "m", "a"), "2 m", "≥ 3 m fails"),
-        (at_most("c", 2.0, 3.0, "m", "a"), "2 m", "≤ 3 m ok"),
-        (at_most("c", 4.0, 3.0, "m", "a"), "4 m", "≤ 3 m fails"),
-        (at_most("c", 3.0, 3.0, "m", "a"), "3 m", "≤ 3 m ok"),
-        (at_least("c", 2.99999, 3.0, "m", "a"), "2.99999 m", "≥ 3 m fails"),
-        (at_most("c", 3.00001, 3.0, "m", "a"), "3.00001 m", "≤ 3 m fails"),
-        (at_most("c", math.nan, 3.0, "m", "a"), "–", "≤ 3 m fails"),
-        (at_least("c", math.nan, 3.0, "m", "a"), "–", "≥ 3 m fails"),
-        (at_most("c", math.inf, 0.003, "mm rms", "a"), "–", "≤ 3 mm rms fails"),
-        (at_least("c", math.inf, 3.0, "m", "a"), "–", "≥ 3 m ok"),
-        (at_least("c", 0.02, -math.inf, "ms", "a"), "20 ms", "ok"),
-        (at_least("c", 0.02, math.nan, "ms", "a"), "20 ms", "fails"),
-        (at_most("c", -0.4967, 0.15, "%", "a"), "-49.67 %", "≤ 15 % ok"),
+        (at_least("c", 4.0, 3.0, "m").otherwise("a"), "4 m", "≥ 3 m ok"),
+        (at_least("c", 2.0, 3.0, "m").otherwise("a"), "2 m", "≥ 3 m fails"),
+        (at_most("c", 2.0, 3.0, "m").otherwise("a"), "2 m", "≤ 3 m ok"),
+        (at_most("c", 4.0, 3.0, "m").otherwise("a"), "4 m", "≤ 3 m fails"),
+        (at_most("c", 3.0, 3.0, "m").otherwise("a"), "3 m", "≤ 3 m ok"),
+        (at_least("c", 2.99999, 3.0, "m").otherwise("a"), "2.99999 m", "≥ 3 m fails"),
+        (at_most("c", 3.00001, 3.0, "m").otherwise("a"), "3.00001 m", "≤ 3 m fails"),
+        (at_most("c", math.nan, 3.0, "m").otherwise("a"), "–", "≤ 3 m fails"),
+        (at_least("c", math.nan, 3.0, "m").otherwise("a"), "–", "≥ 3 m fails"),
+        (at_most("c", math.inf, 0.003, "mm rms").otherwise("a"), "–", "≤ 3 mm rms fails"),
+        (at_least("c", math.inf, 3.0, "m").otherwise("a"), "–", "≥ 3 m ok"),
+        (at_least("c", 0.02, -math.inf, "ms").otherwise("a"), "20 ms", "ok"),
+        (at_least("c", 0.02, math.nan, "ms").otherwise("a"), "20 ms", "fails"),
+        (at_most("c", -0.4967, 0.15, "%").otherwise("a"), "-49.67 %", "≤ 15 % ok"),
     ],
 )
 def test_a_check_shows_its_bound_on_its_own_side_whatever_came_out(

@@ -28,7 +28,7 @@ class Fits:
         bad = kind in self.refused
         if bad:
             self.refused.remove(kind)
-        check: Check = at_most(f"{kind} is off", 2.0 if bad else 0.0, 1.0, "", "look at it")
+        check: Check = at_most(f"{kind} is off", 2.0 if bad else 0.0, 1.0).otherwise("look at it")
         return Calibration(kind=kind, fitted=(), checks=(check,), residuals="")
 
     def together(
