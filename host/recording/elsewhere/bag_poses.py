@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from host.messages import FloatArray
-from host.recording.elsewhere.bags import opened, stamp_s
+from host.recording.elsewhere.bags import opened, read_messages, stamp_s
 
 _TRANSFORM, _TRANSFORMS = "geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage"
 _KINDS = (
@@ -46,8 +46,7 @@ def read_bag_bodies(path: Path) -> list[BagBody]:
     rows: dict[str, list[list[float]]] = {}
     with opened(path) as reader:
         chosen = [each for each in reader.connections if each.msgtype in _KINDS]
-        for connection, received, raw in reader.messages(connections=chosen) if chosen else ():
-            message = reader.deserialize(raw, connection.msgtype)
+        for connection, received, message in read_messages(path, reader, chosen) if chosen else ():
             for name, stamped, pose in _poses(message, connection):
                 time = stamp_s(stamped, received)
                 rows.setdefault(name, []).append([time, *pose])
@@ -71,7 +70,8 @@ def _poses(message: Any, connection: Any) -> Iterator[tuple[str, Any, list[float
 
 
 def _body(name: str, table: FloatArray) -> BagBody:
-    norms = np.linalg.norm(table[:, 4:], axis=1)
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(table[:, 4:], axis=1)
     table = table[np.isfinite(table).all(axis=1) & (np.abs(norms - 1.0) < 0.1)]
     times, first = np.unique(table[:, 0], return_index=True)
     table = table[first]

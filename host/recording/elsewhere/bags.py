@@ -78,9 +78,8 @@ class Bag:
             chosen = self._chosen(reader)
             bodies = [self._source.own, *self._source.others]
             last: tuple[float, FloatArray] | None = None
-            for connection, stamp, raw in reader.messages(connections=chosen):
+            for connection, stamp, message in read_messages(self.path, reader, chosen):
                 self.share = (stamp - reader.start_time) / max(1, reader.duration)
-                message = reader.deserialize(raw, connection.msgtype)
                 time = stamp_s(message, stamp)
                 if connection.msgtype == SCAN:
                     yield _scan(message, time)
@@ -126,19 +125,35 @@ class Bag:
 def opened(path: Path) -> Iterator[Any]:
     """A reader of rosbags. Raises UserError where there is no such package, or no such bag."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag1 import ReaderError as Reader1Error
-        from rosbags.rosbag2 import ReaderError as Reader2Error
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise UserError(
             "ROS bags cannot be read", "rosbags is missing", "pip install 'swarmloc[ros]'"
         ) from error
+    with contextlib.ExitStack() as stack:
+        with _reading(path):
+            store = get_typestore(Stores.ROS2_HUMBLE)
+            reader = stack.enter_context(AnyReader([path], default_typestore=store))
+        yield reader
+
+
+def read_messages(path: Path, reader: Any, chosen: list[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """The messages of the connections that are chosen: each with its connection and time (ns).
+
+    Raises UserError where the bag is damaged, after those before the damage.
+    """
+    with _reading(path):
+        for connection, stamp, raw in reader.messages(connections=chosen):
+            yield connection, stamp, reader.deserialize(raw, connection.msgtype)
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Whatever rosbags raises here is the bag's: of a damaged one, all that its parsers meet."""
     try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path], default_typestore=store) as reader:
-            yield reader
-    except (AnyReaderError, Reader1Error, Reader2Error, OSError) as error:
+        yield
+    except Exception as error:
         raise UserError(
             f"cannot read the bag {path}",
             str(error) or type(error).__name__,
@@ -158,7 +173,8 @@ def stamp_s(message: Any, received_ns: int) -> float:
 
 def _scan(message: Any, time: float) -> Scan:
     """A LaserScan's stamp is that of its first ray; what is no return there is 0 here."""
-    ranges = np.asarray(message.ranges, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a damaged one may hold any number
+        ranges = np.asarray(message.ranges, dtype=np.float64)
     number = np.arange(len(ranges))
     interval = message.time_increment or message.scan_time / max(1, len(ranges))
     times = time + max(0.0, interval) * number

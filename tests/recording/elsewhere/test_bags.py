@@ -1,6 +1,7 @@
 """ROS bags, written here by rosbags, are read as recordings: what was driven, seen and true."""
 
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from host.config import RobotConfig
 from host.errors import UserError
 from host.geometry import Path as OdometryPath
 from host.messages import Bodies, Displacement, Scan
+from host.recording.elsewhere.bag_poses import read_bag_bodies
 from host.recording.elsewhere.bags import Bag
 from host.recording.log import Recording
 from host.sessions.offline.evaluating import score_sources
@@ -176,6 +178,18 @@ def test_a_bag_that_is_given_as_a_recording_is_told_apart(bag):
     if bag.is_dir() and (files := list(bag.glob("*.mcap"))):
         with pytest.raises(UserError, match=f"(?s)no recording of swarmloc.*bag:{files[0]}"):
             Recording(files[0])
+
+
+def test_a_damaged_bag_is_said(bag, tmp_path):
+    """Of it, rosbags raises whatever its parsers meet: of ROS 2, UnicodeDecodeError here."""
+    copy = tmp_path / bag.name
+    (shutil.copytree if bag.is_dir() else shutil.copy)(bag, copy)
+    for file in copy.iterdir() if copy.is_dir() else [copy]:
+        file.write_bytes(file.read_bytes().replace(b"LaserScan", 9 * b"\xff"))
+    with pytest.raises(UserError, match="cannot read the bag"):
+        list(Bag(f"bag:{copy}").messages())
+    with pytest.raises(UserError, match="cannot read the bag"):
+        read_bag_bodies(copy)
 
 
 def test_what_is_not_in_a_bag_is_said(bag, tmp_path):
