@@ -40,7 +40,7 @@ from host.estimator.gaussians.gaussian_mixture import (
     update_by_bearings,
     update_by_positions,
 )
-from host.estimator.sensor_models import in_view
+from host.estimator.sensor_models import beside_sectors, in_view
 from host.geometry import SECTORS, wrap
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
@@ -62,7 +62,7 @@ class Perera2021Filter:
     def __init__(self, lidar: Lidar | None = None) -> None:
         sectors = (lidar or Lidar()).blind_sectors
         self._centres = np.array([s.centre_rad for s in sectors])
-        self._widths = np.array([s.width_rad for s in sectors])
+        self._half_widths = np.array([s.width_rad / 2.0 for s in sectors])
         self._rows = np.zeros((ROWS, 0))
         self._seen = np.zeros(0)
         self._time = 0.0
@@ -87,7 +87,8 @@ class Perera2021Filter:
         bearing, distance = np.arctan2(rows[Y], rows[X]), np.hypot(rows[X], rows[Y])
         hidden = self._occlusion(bearing, distance)
         if isinstance(measurement, Positions):
-            detected = hidden * self._blind(bearing)  # eq. 18
+            beside = beside_sectors(bearing, self._centres, self._half_widths)  # eq. 20
+            detected = hidden * beside  # eq. 18
             detected /= 1.02 + _exp(8.0 * (distance - 1.5))  # eq. 19
             if measurement.clearance is not None:
                 detected *= _interference(bearing, measurement.clearance)
@@ -122,11 +123,6 @@ class Perera2021Filter:
         self._rows = match_moments(rows, into, rows[: Y + 1, leaders])
         self._seen = np.full(len(leaders), -math.inf)
         np.maximum.at(self._seen, into, seen)
-
-    def _blind(self, bearing: FloatArray) -> FloatArray:
-        """Eq. 20: the pillars of the camera holder."""
-        offset = wrap(bearing[:, None] - self._centres) / (self._widths / 2.0)
-        return np.asarray(np.prod(1.0 - np.exp(-0.5 * offset**2), axis=1))
 
     def _occlusion(self, bearing: FloatArray, distance: FloatArray) -> FloatArray:
         """Eq. 21–22: every nearer component may hide this one."""

@@ -11,7 +11,7 @@ itself. So one miss takes a weight to 1 - P_D, and what was reported has to be r
 
 import numpy as np
 
-from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.gaussian_mixture import WEIGHT
 from host.estimator.thing_filter import LONGEST_S, ThingFilter
 from host.estimator.things.association import share_out
 from host.estimator.things.things import LABEL
@@ -38,9 +38,9 @@ class PhdFilter(ThingFilter):
 
         One that was reported before is there until its weight falls below `forget_weight`.
         """
-        there = self._things.whole[TOTAL]
+        there = self._things.whole[WEIGHT]
         known = (self._things.tracks[LABEL] > 0.0) & (there > self._settings.forget_weight)
         scale = np.where(known, np.maximum(there, 1e-300), 1.0)
         likely = teammates.copy()
-        likely[TOTAL] /= scale
+        likely[WEIGHT] /= scale
         return super()._reported(likely)

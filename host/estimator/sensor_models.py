@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import expit
 
 from host.config import Cameras, FilterSettings, Lidar
+from host.estimator.gaussians.gaussian_mixture import WEIGHT, X, Y
 from host.geometry import SECTORS, sector, wrap
 from host.messages import BoolArray, FloatArray
 
@@ -45,16 +46,17 @@ def clearance_of(
 
 
 def surroundings(
-    x: FloatArray, y: FloatArray, existence: FloatArray, width: float, clearance: FloatArray | None
+    rows: FloatArray, width: float, clearance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Bearing and distance (n,) of each thing; how far one sees in every sector.
+    """Bearing (n,) rad and distance (n,) m of things; how far one sees in every sector.
 
-    existence (n,): how surely each is there. width m: of what hides others. clearance (SECTORS,)
-    m: as the scan measured it; None: worked out from the things.
+    rows (6, n) as in `gaussian_mixture`, the weight how surely each is there. width m: of what
+    hides others. clearance (SECTORS,) m: as the scan measured it; None: worked out from the things.
     """
+    x, y = rows[X], rows[Y]
     bearing, distance = np.arctan2(y, x), np.hypot(x, y)
     if clearance is None:
-        clearance = clearance_of(bearing, distance, existence > _BELIEVED, width)
+        clearance = clearance_of(bearing, distance, rows[WEIGHT] > _BELIEVED, width)
     return bearing, distance, clearance
 
 
@@ -79,13 +81,22 @@ def in_view(bearing: FloatArray, view: tuple[float, float]) -> BoolArray:
     return np.asarray(np.abs(wrap(bearing - centre)) <= half_width)
 
 
+def beside_sectors(bearing: FloatArray, centres: FloatArray, half_widths: FloatArray) -> FloatArray:
+    """Eq. 20 (n,), repaired: how far from the blind sectors (k,), each a pillar of the robot's own.
+
+    A product over the pillars, 0 at the middle of one; bearing (n,), all in rad.
+    """
+    offset = wrap(bearing[:, None] - centres) / half_widths
+    return np.asarray(np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1))
+
+
 class LidarModel:
     """Detection probability of the lidar's turret finder, and its clutter intensity in 1/m²."""
 
     def __init__(self, config: Lidar) -> None:
         self._config = config
         self._centres = np.array([s.centre_rad for s in config.blind_sectors])
-        self._widths = np.array([s.width_rad / 2.0 for s in config.blind_sectors])
+        self._half_widths = np.array([s.width_rad / 2.0 for s in config.blind_sectors])
         self.close_by = config.detection_probability  # in plain view
         self.clutter = config.clutter_per_m2
 
@@ -109,8 +120,7 @@ class LidarModel:
             config.range_steepness_per_m,
         )
         if len(self._centres):
-            offset = wrap(bearing[:, None] - self._centres) / self._widths
-            probability *= np.prod(1.0 - np.exp(-0.5 * offset * offset), axis=1)
+            probability *= beside_sectors(bearing, self._centres, self._half_widths)
         beyond = clearance.take(sector(bearing)) - distance  # how much further one sees there
         factor = 1.0 - (1.0 - _HIDDEN) * (beyond < -_MARGIN_M)
         if measured:

@@ -13,8 +13,7 @@ import numpy as np
 
 from host.config import Cameras, FilterSettings, Lidar
 from host.estimator.evidence import likeness, new_share
-from host.estimator.gaussians.gaussian_mixture import PXX, PXY, PYY
-from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.gaussian_mixture import PXX, PXY, PYY, WEIGHT
 from host.estimator.gaussians.moving_gaussians import X, Y, absorb, summed
 from host.estimator.learnt_lidar import LearntLidar
 from host.estimator.sensor_models import CameraModel, in_view, surroundings, survival
@@ -31,7 +30,7 @@ from host.estimator.things.thing_modes import (
     TEAMMATE,
     ThingModes,
 )
-from host.estimator.things.things import LABEL, PICTURED, SEEN, VARIANCE, Things
+from host.estimator.things.things import LABEL, PICTURED, SEEN, Things
 from host.message_checks import check
 from host.messages import Bearings, BoolArray, Displacement, Estimate, FloatArray, Positions
 
@@ -99,32 +98,34 @@ class ThingFilter(ABC):
         self._scanned = measured.time
         noise = measured.covariances + _LIDAR_FLOOR
         detected = self._lidar_detection(measured.clearance)
+        # Of each pair P_D N(z; H m, S), by motion and summed; of each thing that it gives none.
         pairs = pair_positions(things.rows, whole, measured, noise, settings.gate)
         i, j = pairs.target, pairs.reading
         likelihood = pairs.likelihood * detected.take(i, axis=1)
         mass = (likelihood * motions.take(i, axis=1)).sum(axis=0)
         missing = (1.0 - detected) ** new_share(elapsed, _SCANS_S)
-        absent = self._absent(whole[TOTAL], (motions * missing).sum(axis=0))
+        absent = self._absent(whole[WEIGHT], (motions * missing).sum(axis=0))
+        # What else a reading may be, 1/m²: clutter, a new thing, a remembered obstacle.
         birth = settings.pmb.appear_per_m2_s * elapsed
         remembered = self._remembered_detection(measured.clearance)
         known = self._world.intensity(measured, noise, remembered)
         known_total, like_turrets = known[0] + known[1], likeness(measured)
         background = self._lidar.clutter / like_turrets + birth + known_total
         found = self._associate(i, j, mass / (absent.take(i) * background.take(j)), n, m)
+        # Under each motion a thing becomes the mixture over its readings and a miss.
         by_reading = likelihood * (found.pairs / np.maximum(mass, 1e-300))
         total = found.missed * missing / absent + summed(by_reading, i, n)
         shares = by_reading / np.maximum(total, 1e-300).take(i, axis=1)
         absorb(things.rows, pairs.changes, i, shares)
         things.weights *= total.take(MOTION_OF, axis=0)
         sure = (found.pairs > 0.5).nonzero()[0]
-        placed, variances = i.take(sure), 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
-        things.tracks[SEEN, placed] = measured.time
-        things.tracks[VARIANCE, placed] = variances.take(j.take(sure))
+        variances = 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
+        things.placed(i.take(sure), measured.time, variances.take(j.take(sure)))
         teammates = things.weights[TEAMMATE].sum(axis=0)
         expected = (motions * detected).sum(axis=0)
         self._lidar.learn(teammates, expected, 1.0 - found.missed, elapsed)
         new = found.unclaimed / background
-        explained = found.pairs @ whole[TOTAL].take(i) + new @ known_total
+        explained = found.pairs @ whole[WEIGHT].take(i) + new @ known_total
         self._lidar.learn_clutter(m - float(explained), measured.clearance, elapsed)
         born = self._born(measured, noise, new * birth, like_turrets, new * known)
         things.bear(*born, measured.time, variances)
@@ -136,7 +137,9 @@ class ThingFilter(ABC):
     def _lidar_detection(self, measured: FloatArray | None) -> FloatArray:
         """P_D (MOTIONS, n) of each thing (Perera eq. 18); measured: the scan's own clearance."""
         things = self._things
-        clearance = self._surroundings(things.whole, None)[2] if measured is None else measured
+        clearance = measured
+        if clearance is None:
+            clearance = surroundings(things.whole, self._width)[2]
         x, y = things.rows[X].ravel(), things.rows[Y].ravel()
         bearing, distance = np.arctan2(y, x), np.hypot(x, y)
         found = self._lidar.detection(bearing, distance, clearance, measured is not None)
@@ -146,7 +149,7 @@ class ThingFilter(ABC):
         """P_D (k,) of each obstacle that is remembered; measured: the scan's own clearance."""
         if not self._world.rows.shape[1]:
             return np.zeros(0)
-        bearing, distance, clearance = self._surroundings(self._world.rows, measured)
+        bearing, distance, clearance = surroundings(self._world.rows, self._width, measured)
         return self._lidar.detection(bearing, distance, clearance, measured is not None)
 
     def _born(
@@ -177,7 +180,7 @@ class ThingFilter(ABC):
     def _remember_obstacles(self, remembered: FloatArray, now: float) -> None:
         """Tell the static world what stands still; remembered (k,): P_D of what it holds."""
         there, standing = self._things.standing(_BELIEVED)
-        obstacle = self._things.weights[OBSTACLE].take(there) / standing[TOTAL]
+        obstacle = self._things.weights[OBSTACLE].take(there) / standing[WEIGHT]
         self._world.learn(standing, obstacle, remembered, min(now - self._learnt, LONGEST_S))
         self._learnt = now
 
@@ -203,7 +206,7 @@ class ThingFilter(ABC):
         otherwise; it counts with the share of it that is new.
         """
         things, weights = self._things, self._things.weights
-        there = things.whole[TOTAL]
+        there = things.whole[WEIGHT]
         n, m, gate = len(things), len(measured.bearings), self._settings.gate
         detected, share = self._camera_detection(measured)
         pairs = pair_bearings(things.rows, things.whole, measured, share, gate, self._ranges_to_m)
@@ -244,18 +247,12 @@ class ThingFilter(ABC):
 
     def _camera_detection(self, measured: Bearings) -> tuple[FloatArray, FloatArray]:
         """P_D (n,) of each thing if it is a teammate (eq. 29); share of evidence that is new."""
-        bearing, distance, clearance = self._surroundings(self._things.whole, None)
+        bearing, distance, clearance = surroundings(self._things.whole, self._width)
         detected = self._camera.detection(bearing, distance, clearance, measured.view)
         pictured, taken = self._things.tracks[PICTURED], measured.time - measured.lag
         share = new_share(taken - pictured, _PICTURES_S)
         pictured[in_view(bearing, measured.view)] = taken
         return detected, np.maximum(share, 1e-6)
-
-    def _surroundings(
-        self, whole: FloatArray, clearance: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As `sensor_models.surroundings`, of things as Gaussians (ROWS, n)."""
-        return surroundings(whole[X], whole[Y], whole[TOTAL], self._width, clearance)
 
     @abstractmethod
     def _absent(self, there: FloatArray, missed: FloatArray) -> FloatArray:
@@ -280,7 +277,7 @@ class ThingFilter(ABC):
         """
         half = 0.5 * self._settings.pmb.report_error_m**2
         error = teammates[PXX] + teammates[PYY]
-        return np.asarray(teammates[TOTAL] * (2.0 * half - error) > half)
+        return np.asarray(teammates[WEIGHT] * (2.0 * half - error) > half)
 
     def estimate(self) -> Estimate:
         """The teammates that are worth a report."""
@@ -292,7 +289,7 @@ class ThingFilter(ABC):
             time=self._time,
             positions=teammates[: Y + 1].T,
             covariances=teammates.take((PXX, PXY, PXY, PYY), axis=0).T.reshape(-1, 2, 2),
-            weights=teammates[TOTAL],
+            weights=teammates[WEIGHT],
             ages=self._time - tracks[SEEN],
             labels=tracks[LABEL].astype(np.int64),
             obstacles=places,

@@ -1,9 +1,9 @@
-"""The Bernoullis of the PMB filter: things that may be there, with what is kept of each.
+"""Things that may be there, with what is kept of each: Bernoullis in `pmb`, components in `phd`.
 
 n things are their Gaussians, rows (ROWS, MOTIONS, n), and the weights (MODES, n) of their modes:
-the probability that the thing is there and in that mode. Beside them `tracks` (4, n): when the
-lidar last placed it (s) and with which variance (m²), when a picture last had it in view (s), and
-its label (0 until it is reported).
+that the thing is there and in that mode, as a probability or an expected number. Beside them
+`tracks` (4, n): when the lidar last placed it (s) and with which variance (m²), when a picture last
+had it in view (s), and its label (0 until it is reported).
 """
 
 import math
@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from host.estimator.gaussians.duplicates import duplicates
-from host.estimator.gaussians.gaussian_mixture import WEIGHT as TOTAL
+from host.estimator.gaussians.gaussian_mixture import WEIGHT
 from host.estimator.gaussians.moving_gaussians import PLACE, ROWS, Y
 from host.estimator.things.thing_modes import (
     MODES,
@@ -30,7 +30,7 @@ _AGAIN_S = 0.4  # ... and is dropped if it was never reported and not seen for s
 
 
 class Things:
-    """All Bernoullis. Whoever changes rows or weights calls `changed`."""
+    """All of them. Whoever changes rows or weights calls `changed`."""
 
     def __init__(self) -> None:
         self.rows, self.weights = np.zeros((ROWS, MOTIONS, 0)), np.zeros((MODES, 0))
@@ -69,7 +69,7 @@ class Things:
         """Multiply the probability that each thing is there by factors (n,)."""
         self.weights *= factors
         self._motions *= factors
-        self._mixtures[TOTAL] *= factors
+        self._mixtures[WEIGHT] *= factors
 
     def standing(self, least: float) -> tuple[IntArray, FloatArray]:
         """Indices (k,) of those that stand still with at least this probability, where: (6, k)."""
@@ -77,6 +77,10 @@ class Things:
         there = (still > least).nonzero()[0]
         places = self.rows[PLACE, STILL].take(there, axis=1)
         return there, np.concatenate((places, still.take(there)[None]))
+
+    def placed(self, things: IntArray, time: float, variances: FloatArray) -> None:
+        """The lidar placed things (p,) at `time` s, with variances (p,) m² per axis."""
+        self.tracks[SEEN, things], self.tracks[VARIANCE, things] = time, variances
 
     def bear(
         self,
@@ -105,7 +109,7 @@ class Things:
 
         They are exclusive: a reading belongs to one of them.
         """
-        tracks, there = self.tracks, self.whole[TOTAL]
+        tracks, there = self.tracks, self.whole[WEIGHT]
         likely = (there > LIKELY).nonzero()[0]
         gone, kept = duplicates(
             self.whole[: Y + 1].take(likely, axis=1),
