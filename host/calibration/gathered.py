@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from host.calibration.chain import Chain
-from host.calibration.identity import check_identity
+from host.calibration.identity.check import check_identity
 from host.config import Mocap, RobotConfig
 from host.errors import UserError
 from host.geometry import Path, to_frame, to_parent

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from host.calibration.identity import check_identity
+from host.calibration.identity.check import check_identity
 from host.calibration.result import Calibration
 from host.calibration.stamps import stamps_check
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
@@ -41,8 +41,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     """
     drives, absurd = usable(drives)
     for drive in drives:
-        body = {mocap.body: (drive.truth_times, drive.truth)}
-        check_identity(drive.times, drive.ticks, body, wheels, mocap)
+        _check_identity(drive, len(drives), wheels, mocap)
     driven = coverage(drives, wheels.track_m)
     both_ways = min(driven.left_rad, driven.right_rad) >= LEAST_TURN_RAD
     nominal = values_of(wheels, mocap, len(drives))
@@ -78,6 +77,17 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             "lags_at_start_and_end_s": found.values[LAGS].reshape(-1, 2).tolist(),
         },
     )
+
+
+def _check_identity(drive: Drive, of: int, wheels: Wheels, mocap: Mocap) -> None:
+    """`check_identity` of a drive; of several, the error names it."""
+    body = {mocap.body: (drive.truth_times, drive.truth)}
+    try:
+        check_identity(drive.times, drive.ticks, body, wheels, mocap)
+    except UserError as error:
+        if of == 1:
+            raise
+        raise UserError(f"{drive.name}: {error.what}", error.why, error.next_step) from error
 
 
 def usable(drives: Sequence[Drive]) -> tuple[list[Drive], list[str]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from host.calibration.identity import check_identity
+from host.calibration.identity.check import check_identity
 from host.config import Mocap, Wheels
 from host.errors import UserError
 
@@ -77,8 +77,8 @@ def test_the_body_that_fits_is_named(body):
 @pytest.mark.parametrize(
     ("ticks", "words"),
     [
-        (silent(TICKS, 0), "the left encoder counts nothing from 0.0 s"),
-        (silent(TICKS, 1), "the right encoder counts nothing from 0.0 s"),
+        (silent(TICKS, 0), "the left encoder counts nothing in the whole drive"),
+        (silent(TICKS, 1), "the right encoder counts nothing in the whole drive"),
         (silent(TICKS, 1, HALF), r"the right encoder counts nothing from (29|30)"),
         (0 * TICKS, "neither wheel counts"),
         (TICKS * (-1, 1), "the left encoder counts the wrong way"),
@@ -105,23 +105,75 @@ def test_bodies_that_change_places_are_named_with_when():
         check(body=2, b1=spliced(mine, theirs), b2=spliced(theirs, mine))
 
 
-def changed(wheel, factor):
+def changed(*parts):
+    """Ticks whose steps are multiplied by a matrix from when to when, in shares of the drive."""
     steps = np.diff(TICKS, axis=0, prepend=TICKS[:1]).astype(float)
-    steps[HALF:, wheel] *= factor
-    return np.cumsum(steps, axis=0).astype(np.int64)
+    for begin, end, matrix in parts:
+        rows = slice(round(begin * len(TIMES)), round(end * len(TIMES)))
+        steps[rows] = steps[rows] @ np.array(matrix, dtype=float)
+    return np.rint(np.cumsum(steps, axis=0)).astype(np.int64)
+
+
+NO_LEFT, EXCHANGED = ((0, 0), (0, 1)), ((0, 1), (1, 0))
 
 
 @pytest.mark.parametrize(
-    ("wheel", "factor", "words"),
+    ("ticks", "words"),
     [
-        (0, 0.5, r"from (29|30|31) s on the left encoder counts 0\.[45]"),
-        (1, 0.5, r"from (29|30|31) s on the right encoder counts 0\.[45]"),
-        (0, -1.0, r"from (29|30|31) s on the left encoder counts -(1|0\.9)"),
+        (
+            changed((0.5, 1.0, ((0.5, 0), (0, 1)))),
+            r"left encoder counts 0\.5.* from (28|29|30|31)\.. s on",
+        ),
+        (
+            changed((0.3, 0.6, ((1, 0), (0, 0.7)))),
+            r"right .* 0\.7.* from 1[789]\.. to 3[567]\.. s as",
+        ),
+        (
+            changed((0.5, 1.0, ((-1, 0), (0, 1)))),
+            r"left .* wrong way round from (28|29|30|31)\.. s on",
+        ),
+        (changed((0.5, 1.0, EXCHANGED)), r"left and right wheel .* from (28|29|30|31)\.. s on"),
+        (changed((0.5, 1.0, ((-1, 0), (0, -1)))), r"both encoders .* from (28|29|30|31)\.. s on"),
+        (changed((0.3, 0.34, NO_LEFT)), r"left encoder counts nothing from 1[78].* a loose plug"),
+        (
+            changed(*((at, at + 0.04, NO_LEFT) for at in (0.1, 0.3, 0.5, 0.7, 0.9))),
+            r"left encoder counts nothing from 6\.. to 8\.. s, .* and 2 times more",
+        ),
     ],
 )
-def test_an_encoder_that_counts_otherwise_from_some_time_on_is_named(wheel, factor, words):
-    with pytest.raises(UserError, match=words):
-        check(changed(wheel, factor))
+def test_what_is_wrong_for_a_part_of_the_drive_is_named_with_when(ticks, words):
+    with pytest.raises(UserError, match=words.replace(".*", "(.|\n)*")):
+        check(ticks)
+
+
+def test_bodies_that_change_places_thrice_are_named_with_each_time():
+    mine, theirs = PATHS[1].copy(), PATHS[2].copy()
+    for begin, end in ((0.25, 0.5), (0.75, 1.0)):
+        rows = slice(round(begin * len(TIMES)), round(end * len(TIMES)))
+        mine[rows], theirs[rows] = PATHS[2][rows], PATHS[1][rows]
+    with pytest.raises(UserError, match=r"at about 1[456]\.., (28|29|30|31)\.. and 4[3456]\.. s"):
+        check(b1=mine, b2=theirs)
+
+
+def test_a_robot_that_comes_back_with_another_number_is_named():
+    moved = {1: (TIMES[:HALF], PATHS[1][:HALF]), 7: (TIMES[HALF:], PATHS[1][HALF:])}
+    others = {number: (TIMES, PATHS[number]) for number in (2, 3)}
+    with pytest.raises(UserError, match=r"body 1 is lost, and body 7 .* from (28|29|30)\.. s on"):
+        check_identity(TIMES, TICKS, moved | others, CONFIGURED, Mocap())
+    lost = {1: moved[1]}
+    check_identity(TIMES, TICKS, lost | others | {4: (TIMES, STILL)}, CONFIGURED, Mocap())
+
+
+@pytest.mark.parametrize("wheel", [0, 1])
+def test_a_wheel_that_stands_while_the_robot_rotates_about_it_is_no_dead_encoder(wheel):
+    """Pivots of 4 s about one wheel, and drives straight on, in turns."""
+    count = len(TIMES)
+    pivots = (np.arange(count) // 200) % 2 == 1
+    ways = np.full((count, 2), 0.2)
+    ways[pivots, wheel] = 0.0
+    speeds, rates = ways.mean(axis=1), (ways[:, 1] - ways[:, 0]) / WHEELS.track_m
+    check(ticks_of(speeds, rates), b1=path(speeds, rates))
+    check(4 * ticks_of(speeds, rates), b1=path(speeds, rates))
 
 
 def test_a_body_that_freezes_is_not_one_that_changes_places():
