@@ -2,7 +2,8 @@
 
 Over windows of two seconds, the rotation that the wheels should give is compared with that of every
 body seen: as the wheels count, with one reversed, both exchanged, or one that loses counts. What
-holds from when to when is found in `spells`; encoders that count nothing are found in `silent`.
+holds from when to when is found in `spells`; encoders that count nothing, or always the same, are
+found in `stuck`.
 """
 
 import itertools
@@ -11,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from host.calibration.identity.silent import check_silent
 from host.calibration.identity.spells import (
+    FAILS,
     LEAST_WINDOWS,
     Explanation,
     Spell,
@@ -20,6 +21,7 @@ from host.calibration.identity.spells import (
     best_story,
     parts_of,
 )
+from host.calibration.identity.stuck import check_repeated, check_silent
 from host.calibration.identity.windows import (
     STRIDE_S,
     WINDOW_S,
@@ -73,6 +75,8 @@ def check_identity(
     elsewhere = [s for s in spells if s.explanation.body != mocap.body]
     _check_still(moved, own, mocap.body, ~_inside(moved, elsewhere))
     _check_bodies(moved, elsewhere, mocap.body)
+    wrong = story.costs[:, 0] > FAILS
+    check_repeated(times, ticks, moved.starts, wrong, moved.length_s)
     check_silent(times, ticks, {mocap.body: bodies[mocap.body]}, wheels)
     if spells:
         words = max(spells, key=lambda s: s.end - s.begin).explanation.words

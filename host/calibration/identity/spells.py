@@ -22,7 +22,7 @@ _SIGMA, _LEAST_SIGMA_RAD = 0.1, 0.06  # of a prediction, as a share of the rms o
 _LEAST_WAY_M = 0.05
 _WAY_SIGMA, _OFFSET_M, _LEAST_SIGMA_M = 0.2, 0.1, 0.02  # of a way; of where the body sits; floor
 _MOST, _UNSEEN = 36.0, 9.0  # squared sigmas: that a window counts at most, and without its body
-_FAILS = 4.0  # squared sigmas where the sound explanation does not hold
+FAILS = 4.0  # squared sigmas where the sound explanation does not hold
 _MOSTLY = 0.7  # quantile of an explanation's squared errors; the others are at its edges
 _PASSES = 3
 _FACTORS = (0.7, 1.4)  # by which the geometry may be off ...
@@ -124,7 +124,7 @@ class Story:
         for begin, end in itertools.pairwise(edges):
             number = int(self.chosen[begin])
             sound, other = self.costs[begin:end, [0, number]][self._moves[begin:end, number]].T
-            tells = sound > _FAILS
+            tells = sound > FAILS
             each = self._explanations[number]
             if (
                 number

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from host.calibration.identity.check import check_identity
-from host.calibration.result import Calibration
+from host.calibration.result import Calibration, Check, at_most
 from host.calibration.stamps import stamps_check
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
 from host.calibration.wheels.model import LAGS, Drive, values_of, without_absurd_rows
@@ -32,6 +32,8 @@ from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.messages import FloatArray
 
+_MOST_ABSURD = 0.005  # of all rows of ticks
+
 
 def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibration:
     """Fit radii, track, the tracked body's pose on the robot, the lag of the ticks, and noise.
@@ -48,6 +50,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     found = _fit(drives, wheels.counts_per_turn, nominal, both_ways)
     found = with_other_paths(found, driven)
     halves = _halves(drives, found.counts, wheels, mocap)
+    words = [f"{absurd} row(s) of ticks that no wheel can count: taken for what is around them"]
     other_counts = found.counts != wheels.counts_per_turn
     return Calibration(
         kind="wheels",
@@ -58,9 +61,10 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
         checks=(
             *verdict(found, driven, wheels),
             stamps_check([drive.truth_times for drive in drives]),
+            _absurd_check(absurd, drives),
         ),
         residuals=residuals(found),
-        warnings=(*absurd, *warnings(driven)),
+        warnings=(*words[: min(absurd, 1)], *warnings(driven)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
         joint=(KEYS, found.covariance[:6, :6]),
         settings={"wheels.counts_per_turn": found.counts} if other_counts else {},
@@ -90,12 +94,23 @@ def _check_identity(drive: Drive, of: int, wheels: Wheels, mocap: Mocap) -> None
         raise UserError(f"{drive.name}: {error.what}", error.why, error.next_step) from error
 
 
-def usable(drives: Sequence[Drive]) -> tuple[list[Drive], list[str]]:
-    """Those longer than a window of the fit, without absurd rows of ticks; a warning of these."""
+def usable(drives: Sequence[Drive]) -> tuple[list[Drive], int]:
+    """Those longer than a window of the fit, without absurd rows of ticks; how many these were."""
     parts = [without_absurd_rows(drive) for drive in _long(drives)]
-    count = sum(rows for _, rows in parts)
-    words = [f"{count} row(s) of ticks that no wheel can count: taken for what is around them"]
-    return [drive for drive, _ in parts], words if count else []
+    return [drive for drive, _ in parts], sum(count for _, count in parts)
+
+
+def _absurd_check(absurd: int, drives: Sequence[Drive]) -> Check:
+    """That rows which no wheel can count are few: where they are many, others do not show."""
+    return at_most(
+        "rows of ticks that no wheel can count",
+        absurd / max(sum(len(drive.times) for drive in drives), 1),
+        _MOST_ABSURD,
+        "%",
+    ).otherwise(
+        f"{absurd} rows of ticks are damaged, and more may be that do not show: check the plugs of "
+        "the encoders and the board's cable, and record again"
+    )
 
 
 def _long(drives: Sequence[Drive]) -> list[Drive]:

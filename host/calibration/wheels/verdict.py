@@ -176,7 +176,7 @@ def verdict(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
         ).otherwise(
             f"the {('left', 'right')[worst]} wheel's radius comes out {100.0 * off[worst]:+.1f} % "
             "off: no wheel differs so much; measure its diameter, and check the gear and "
-            "counts_per_turn in robot.toml"
+            "counts_per_turn in robot.toml; if the other wheel fits, this encoder may lose counts"
         ),
     )
 

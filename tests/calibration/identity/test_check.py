@@ -164,6 +164,13 @@ def test_a_robot_that_comes_back_with_another_number_is_named():
     check_identity(TIMES, TICKS, lost | others | {4: (TIMES, STILL)}, CONFIGURED, Mocap())
 
 
+def test_a_count_that_is_repeated_row_after_row_is_named():
+    steps = np.diff(TICKS, axis=0, prepend=TICKS[:1])
+    steps[HALF:, 1] = steps[HALF, 1]
+    with pytest.raises(UserError, match=r"right encoder repeats the count .* from (29|30)\.. s on"):
+        check(np.cumsum(steps, axis=0))
+
+
 @pytest.mark.parametrize("wheel", [0, 1])
 def test_a_wheel_that_stands_while_the_robot_rotates_about_it_is_no_dead_encoder(wheel):
     """Pivots of 4 s about one wheel, and drives straight on, in turns."""

@@ -195,6 +195,17 @@ def test_one_corrupt_row_of_ticks_does_not_spoil_a_fit(jump, thirty):
     assert "1 row(s) of ticks" in found.warnings[0]
 
 
+def test_many_corrupt_rows_of_ticks_fail_a_check():
+    whole = wandering(1, 15.0)
+    steps = np.diff(whole.ticks, axis=0, prepend=0)
+    steps[100:300:20] *= -1
+    ticks = np.cumsum(steps, axis=0)
+    found = calibrate(
+        [Drive(whole.times, ticks, whole.truth_times, whole.truth)], Wheels(), Mocap()
+    )
+    assert "rows of ticks that no wheel can count" in failed(found)
+
+
 @pytest.mark.parametrize(
     ("name", "speeds", "turn_rates"),
     [

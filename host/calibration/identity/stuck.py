@@ -1,4 +1,4 @@
-"""Encoders that count nothing, for a second or for good, while the robot moves their wheel.
+"""Encoders that count nothing or always the same, for a while or for good, as the robot drives.
 
 A wheel may stand: then the robot rotates about it, as fast as the other wheel says, and the body
 goes a way that is not much longer than the robot is wide. Where it moves otherwise, it is the
@@ -13,7 +13,7 @@ from host.calibration.identity.spells import held
 from host.calibration.identity.windows import Bodies, longest, moved_in_windows, runs, spans
 from host.config import Wheels
 from host.errors import UserError
-from host.messages import FloatArray, IntArray
+from host.messages import BoolArray, FloatArray, IntArray
 
 _WINDOW_S, _STRIDE_S = 0.3, 0.1
 _LEAST_S, _MARGIN_S = 0.8, 0.25  # of a silence; and by how much the clocks may differ at its ends
@@ -23,6 +23,7 @@ _LEAST_WAY_M = 0.03  # of the other wheel meanwhile
 _DRIVES_MPS = 0.02
 _WIDE = 2.0  # tracks, of a radius: no body on a robot goes so about a wheel of it
 _OTHERWISE = 0.5  # of the rotation about a wheel that stands
+_REPEATS_S, _LEAST_COUNT = 3.0, 5  # of one count, row after row; a smaller one may be steady
 _CURE = "with tools/try_wheels.py"
 
 
@@ -84,3 +85,32 @@ def _dead(side: str, parts: list[tuple[float, float]], whole_s: float) -> UserEr
         f"{loose and f': {loose}'}",
         f"check the {side} encoder's plug, supply and channels {_CURE}",
     )
+
+
+def check_repeated(
+    times: FloatArray, ticks: IntArray, starts: FloatArray, wrong: BoolArray, window_s: float
+) -> None:
+    """Raise UserError where a wheel repeats one count in all rows while the robot moves otherwise.
+
+    times (n,), ticks (n, 2) as above; in windows that start at starts (w,) s after the first tick,
+    wrong (w,) says whether the wheels contradict the tracked body.
+    """
+    steps = np.diff(ticks, axis=0)
+    since = times - times[0]
+    for wheel, side in enumerate(("left", "right")):
+        repeats = (np.diff(steps[:, wheel]) == 0) & (np.abs(steps[1:, wheel]) >= _LEAST_COUNT)
+        begin, end = longest(repeats)
+        first, last = since[begin], since[end + 1]
+        inside = (starts >= first) & (starts + window_s <= last)
+        if (
+            end - begin
+            and last - first >= _REPEATS_S
+            and inside.any()
+            and wrong[inside].mean() > 0.5
+        ):
+            raise UserError(
+                f"the {side} encoder repeats the count of {steps[begin, wheel]} in every row "
+                f"{spans([(float(first), float(last))], float(since[-1]))}",
+                "the robot moves otherwise meanwhile: the board or the file repeats an old reading",
+                f"see whether its count follows the wheel {_CURE}, and record again",
+            )
