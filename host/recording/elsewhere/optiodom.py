@@ -21,6 +21,7 @@ from host.messages import FloatArray, IntArray
 
 _RUN = re.compile(r"_run-\d+\.csv$")
 _COLUMNS = 6
+_MOST_TICKS = 1 << 31  # in an interval; more is damage
 _HOLE = 1.9  # usual intervals: a longer one has lost ticks
 
 
@@ -95,7 +96,8 @@ def _row(path: Path, number: int, line: str, before: list[list[float]]) -> list[
         row = [float(cell) if cell else math.nan for cell in cells]
     except ValueError:
         raise _wrong(path, number, f"not numbers: {line.strip()!r}") from None
-    if not math.isfinite(row[0]) or not all(tick.is_integer() for tick in row[4:]):
+    whole = all(tick.is_integer() and abs(tick) < _MOST_TICKS for tick in row[4:])
+    if not math.isfinite(row[0]) or not whole:
         raise _wrong(path, number, "time must be a number and ticks whole numbers")
     if before and row[0] <= before[-1][0]:
         raise _wrong(path, number, f"time goes from {before[-1][0]:.3f} to {row[0]:.3f} s")

@@ -66,6 +66,7 @@ def test_poses_that_were_lost_are_left_out_and_headings_unwrapped(session):
         (4, "0.2,0,0,x,1,2", "line 5: .*\nnot numbers"),
         (4, "0.2,0,0,0,1.5,2", "line 5: .*\n.*whole numbers"),
         (4, "0.2,0,0,0,,2", "line 5: .*\n.*whole numbers"),
+        (4, "0.2,0,0,0,1e308,2", "line 5: .*\n.*whole numbers"),
         (4, "0.1,0,0,0,1,2", "line 5: .*\ntime goes from 0.150 to 0.100"),
         (20, "5.0,0,0,0,1,2", "rows are missing after 0.95 s"),
     ],
