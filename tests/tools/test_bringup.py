@@ -1,5 +1,6 @@
 """tools/bringup with this system's large commands stood in for: what it runs, writes and undoes."""
 
+import argparse
 import json
 import os
 import shutil
@@ -10,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from tools.bring_up import command, simulated
+from tools.bring_up import command, layout, remote, simulated, steps
+from tools.bring_up.answers import Answers
+from tools.bring_up.machine import Machine, StepError
 
 ROOT = Path(__file__).resolve().parents[2]
 BRINGUP = ROOT / "tools/bringup"
@@ -170,6 +173,24 @@ def test_a_step_that_fails_is_named_and_the_exit_code_says_so(computer: Computer
     code, _, said = computer.bring_up("robot", "--answers", str(computer.answers))
     assert code == 1
     assert "unknown answers: nmae" in said
+
+
+def test_a_program_that_fails_is_a_failed_step_and_says_why(tmp_path: Path) -> None:
+    machine = Machine(destination=tmp_path)
+    program = machine.at(layout.PROGRAM)
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\necho Traceback >&2\necho no module numpy >&2\nexit 1\n")
+    program.chmod(0o755)
+    with pytest.raises(StepError, match=r"--udev-rules failed: no module numpy; run tools/bringup"):
+        steps.rules(machine, Answers({"rules": True}, silent=True))
+
+
+def test_without_ssh_other_robots_cannot_be_brought_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(StepError, match="ssh is not installed"):
+        remote.bring_up_others(["robot1"], argparse.Namespace())
 
 
 def test_several_robots_over_ssh(

@@ -2,12 +2,14 @@
 
 import argparse
 import json
+import shutil
 import subprocess
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tools.bring_up.layout import SOURCE
+from tools.bring_up.machine import StepError
 
 FOLDER = "swarmloc-bringup"  # in the home of the other computer
 _LEFT_OUT = (
@@ -23,7 +25,12 @@ _SSH = ("ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=10")
 
 
 def bring_up_others(hosts: Sequence[str], options: argparse.Namespace) -> int:
-    """Bring up each host, all at once; print a table of results. 1 where one failed."""
+    """Bring up each host, all at once; print a table of results. 1 where one failed.
+
+    Raises StepError where this computer has no ssh.
+    """
+    if shutil.which(_SSH[0]) is None:
+        raise StepError("ssh is not installed: sudo apt-get install openssh-client")
     logs = Path("bringup-logs")
     logs.mkdir(exist_ok=True)
     with ThreadPoolExecutor(max(1, min(len(hosts), 8))) as pool:
@@ -63,13 +70,12 @@ def _one(host: str, options: argparse.Namespace, log: Path) -> dict[str, str]:
 def _copy(host: str, log: "subprocess._FILE") -> bool:
     """Copy this folder; True where that failed."""
     without = [f"--exclude={name}" for name in _LEFT_OUT]
-    pack = subprocess.Popen(
+    # At the end of the block the pipe is closed: where nobody unpacks, tar would wait for ever.
+    with subprocess.Popen(
         ["tar", "-C", str(SOURCE), "-cz", *without, "."], stdout=subprocess.PIPE, stderr=log
-    )
-    unpack = subprocess.run(
-        [*_SSH, host, f"mkdir -p {FOLDER} && tar -xz -C {FOLDER}"],
-        stdin=pack.stdout, stdout=log, stderr=log, check=False,
-    )  # fmt: skip
-    if pack.stdout is not None:
-        pack.stdout.close()  # where nobody unpacks, tar would wait for ever
-    return bool(pack.wait() or unpack.returncode)
+    ) as pack:
+        unpack = subprocess.run(
+            [*_SSH, host, f"mkdir -p {FOLDER} && tar -xz -C {FOLDER}"],
+            stdin=pack.stdout, stdout=log, stderr=log, check=False,
+        )  # fmt: skip
+    return bool(pack.returncode or unpack.returncode)

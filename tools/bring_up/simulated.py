@@ -27,13 +27,12 @@ def run_simulated(scenario: str, seconds: float | None, dry: bool) -> int:
         address = Path(folder) / "notify"
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
             manager.bind(str(address))
-            service = subprocess.Popen(
-                command, env={**os.environ, "NOTIFY_SOCKET": str(address)}, cwd=SOURCE
-            )
-            try:
-                return _supervise(service, manager, seconds)
-            finally:
-                _stop(service)
+            environment = {**os.environ, "NOTIFY_SOCKET": str(address)}
+            with subprocess.Popen(command, env=environment, cwd=SOURCE) as service:
+                try:
+                    return _supervise(service, manager, seconds)
+                finally:
+                    _stop(service)
 
 
 def _supervise(

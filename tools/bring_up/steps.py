@@ -188,7 +188,13 @@ def _swarmloc(machine: Machine, arguments: list[str]) -> str:
         if machine.dry:
             return f"(what {program} {' '.join(arguments)} prints)\n"
         raise StepError(f"{program} is not there: run tools/bringup environment")
-    return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
+    done = subprocess.run([program, *arguments], check=False, capture_output=True, text=True)
+    if done.returncode:
+        said = done.stderr.strip().rpartition("\n")[2] or "it did not say why"
+        raise StepError(
+            f"{program} {' '.join(arguments)} failed: {said}; run tools/bringup environment again"
+        )
+    return done.stdout
 
 
 def _noted(machine: Machine) -> dict[str, Any]:
