@@ -3,7 +3,6 @@
 import hashlib
 import os
 import shlex
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,7 @@ from pathlib import Path
 
 from host.errors import UserError
 from host.flashing.arduino_core import DEBIAN, ArduinoCore
-from host.flashing.firmware import PROJECT, Firmware, files_in, measured, run_tool
+from host.flashing.firmware import PROJECT, Firmware, files_in, measured, run_tool, written
 from host.flashing.platformio import build_with_platformio, platformio_obstacle
 from host.folders import build_folder
 
@@ -151,14 +150,14 @@ def _once(name: str, make: Callable[[Path], None]) -> Path:
     folder = build_folder() / name
     if folder.is_dir():
         return folder
-    made = Path(tempfile.mkdtemp(prefix=f"{name}.", dir=folder.parent))
-    try:
-        make(made)
+    with (
+        written(folder.parent),
+        tempfile.TemporaryDirectory(prefix=f"{name}.", dir=folder.parent) as made,
+    ):
+        make(Path(made))
         try:
-            made.rename(folder)
+            os.rename(made, folder)
         except OSError:
             if not folder.is_dir():  # else another process was first with the same
                 raise
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
     return folder

@@ -1,9 +1,10 @@
 """What every build has: the project, what came out of it, and tools that are run for it."""
 
+import contextlib
 import os
 import re
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,12 +58,26 @@ def files_in(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
+@contextlib.contextmanager
+def written(folder: Path) -> Iterator[None]:
+    """What is built is written below this folder. Raises UserError where it cannot be."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            "cannot build the firmware",
+            f"{folder}: {error.strerror or error}",
+            "check that folder, and the free space on its disk",
+        ) from error
+
+
 def run_tool(command: Sequence[str], environment: Mapping[str, str] | None = None) -> str:
     """The command's standard output. Raises UserError with the reason it gave if it failed."""
     done = subprocess.run(
         command,
         capture_output=True,
         text=True,
+        errors="replace",
         check=False,
         stdin=subprocess.DEVNULL,
         env={**os.environ, "LC_ALL": "C", **(environment or {})},

@@ -174,12 +174,14 @@ def upload(avrdude: list[str], image: Path, port: str) -> None:
         said, failed = (error.stdout or b"") + b"\nstopped: timeout\n", True
     text = said.decode("utf-8", "replace")
     log = build_folder() / LOG
-    log.write_text(f"{' '.join(command)}\n{text}", "utf-8")
+    kept = f" ({log} has all it said)"
+    try:
+        log.write_text(f"{' '.join(command)}\n{text}", "utf-8")
+    except OSError:  # a full disk: the board does not need it
+        kept = ""
     if failed:
         why, next_step = _avrdude_failure(text)
-        raise UserError(
-            "avrdude could not upload the firmware", f"{why} ({log} has all it said)", next_step
-        )
+        raise UserError("avrdude could not upload the firmware", why + kept, next_step)
 
 
 def _avrdude_failure(text: str) -> tuple[str, str]:

@@ -8,7 +8,7 @@ import urllib.request
 from pathlib import Path
 
 from host.errors import UserError
-from host.flashing.firmware import PROJECT, Firmware, files_in, measured, run_tool
+from host.flashing.firmware import PROJECT, Firmware, files_in, measured, run_tool, written
 from host.folders import build_folder
 
 REGISTRY = "https://api.registry.platformio.org/v3/packages/platformio/platform/atmelavr"
@@ -45,7 +45,8 @@ def build_with_platformio(project: Path = PROJECT, workspace: Path | None = None
     }
     # PlatformIO refuses a project folder that cannot be written, as an installed one.
     copy = workspace / "project"
-    _copy(project, copy)
+    with written(workspace):
+        _copy(project, copy)
     run_tool([pio, "run", "--project-dir", str(copy), "--environment", _ENVIRONMENT], environment)
     version = run_tool([pio, "--version"]).split()[-1]
     return measured(workspace / "build" / _ENVIRONMENT / f"{_NAME}.elf", f"PlatformIO {version}")

@@ -1,8 +1,10 @@
 """The firmware's build with avr-gcc: what it makes, when it makes it anew, and how it fails."""
 
+import errno
 import os
 import re
 import subprocess
+import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -152,6 +154,15 @@ def test_no_sources(builds: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.setenv("XDG_CACHE_HOME", str(builds))
     with pytest.raises(UserError, match="there are no sources"):
         build_with_avr_gcc(project=tmp_path)
+
+
+def test_a_full_disk_is_told(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> str:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    with pytest.raises(UserError, match=r"(?s)cannot build.*No space left.*free space"):
+        build_with_avr_gcc({"NEW": "1"}, project)
 
 
 def test_missing_packages_are_named_with_the_line_to_paste(

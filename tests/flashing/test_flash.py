@@ -88,6 +88,17 @@ def test_the_firmware_is_uploaded_byte_for_byte_and_read_back(
     assert "bytes of flash verified" in (build_folder() / LOG).read_text("utf-8")
 
 
+def test_what_avrdude_said_need_not_be_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The disk may be full, as the folder that is not there stands for: the board has it all."""
+    monkeypatch.setattr(romeo_flash, "build_folder", lambda: tmp_path / "absent")
+    romeo_flash.upload(["true"], tmp_path / "firmware.hex", "/dev/null")
+    with pytest.raises(UserError) as caught:
+        romeo_flash.upload(["false"], tmp_path / "firmware.hex", "/dev/null")
+    assert caught.value.why == "it did not say why"
+
+
 def test_a_board_in_its_bootloader_needs_no_touch(
     monkeypatch: pytest.MonkeyPatch, firmware: Firmware, tmp_path: Path
 ) -> None:

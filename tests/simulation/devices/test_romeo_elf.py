@@ -1,6 +1,9 @@
 """The simulated board: its USB, its pins, its memory, and what becomes of a program that fails."""
 
+import errno
+import os
 import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -353,6 +356,16 @@ def test_a_file_that_is_no_program_for_the_board_is_refused(tmp_path: Path) -> N
             flash_image(file)
     with pytest.raises(UserError, match="cannot simulate"):
         flash_image(tmp_path / "absent.elf")
+
+
+def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> str:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    with pytest.raises(UserError, match=r"(?s)cannot build.*No space left.*free space"):
+        romeo_library.build()
 
 
 def test_what_the_simulator_lacks_is_told_with_the_line_to_paste(
