@@ -16,7 +16,7 @@ import numpy as np
 from host.config import Cameras
 from host.messages import BoolArray, FloatArray, Image
 from host.perception.jpeg_decoder import SCALE
-from host.perception.strips.blob import Blob
+from host.perception.strips.blob import Blob, bearing_variance, distance_m, distance_std_m
 from host.perception.strips.colour import StripColour
 from host.perception.strips.geometry import REACH_M, StripGeometry
 from host.perception.strips.patches import Patch, merged, patch_of
@@ -28,7 +28,6 @@ _TOO_WIDE, _TOO_TALL = 1.7, 3.0  # times the strip's own proportions; a strip ma
 _LEAST_PIXELS, _LEAST_MASK = 4.0, 2
 _MOST_AROUND = 0.8  # of a blob's own colour: what is around it has no more, or it is part of that
 _EDGE = 0.15  # of a strip's full colour: less is taken for the background
-_PIXEL_STD = 0.1  # std of a blob's middle in reduced pixels
 _MOST_BLOBS = 200  # a picture that has more is of another colour than it should be
 
 
@@ -87,7 +86,7 @@ class OneColourSearch:
         elevation = float((upright * self.geometry.elevation[box]).sum() / upright.sum())
         x, y = self.geometry.pixel(azimuth, elevation)
         strip = self._cameras.strip
-        distance = math.sqrt(strip.diameter_m * strip.tall_m / total)
+        distance = distance_m(strip, total)
         reason = self._reason(patch, azimuth, elevation, distance)
         if not reason and pixels < _LEAST_PIXELS:
             reason = "too_few_pixels"
@@ -107,9 +106,9 @@ class OneColourSearch:
             kept=not reason,
             reason=reason,
             bearing_rad=self.geometry.bearing(azimuth),
-            variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + misfit**2 / 12.0,
+            variance_rad2=bearing_variance(pixel_rad, misfit),
             range_m=distance,
-            range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
+            range_std_m=distance_std_m(distance, pixels),
         )
 
     def _outside(self, patch: Patch) -> str:

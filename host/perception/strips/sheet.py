@@ -16,10 +16,7 @@ _OVERLAP_MM = 10.0  # glued under the next piece
 _GAP_MM = 6.0
 _RULER_MM, _RULER_TALL_MM = 100.0, 15.0
 _WORDS_TALL_MM, _LETTER_MM = 5.0, 3.2
-_PRINT_SATURATION, _PRINT_VALUE = (
-    0.85,
-    0.75,
-)  # of one colour: what printers reach and rooms have not
+_PRINT_SATURATION, _PRINT_VALUE = 0.85, 0.75  # what printers reach and rooms have not
 
 
 @dataclass(frozen=True, slots=True)

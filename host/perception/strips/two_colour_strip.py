@@ -13,13 +13,12 @@ from host.config import Camera, Cameras
 from host.geometry import wrap
 from host.messages import BoolArray, FloatArray, Image
 from host.perception.jpeg_decoder import SCALE
-from host.perception.strips.blob import Blob
+from host.perception.strips.blob import Blob, bearing_variance, distance_m, distance_std_m
 from host.perception.strips.geometry import StripGeometry
 from host.perception.strips.pair_filter import Candidate, PairFilter, Template
 from host.perception.strips.panorama import Single, by_light, cast_of, colour_and_light
 
 _EDGE = 0.2  # of the half's colour: less is taken for the background
-_PIXEL_STD = 0.1  # std of a strip's middle in reduced pixels
 _WINDOW_WIDE, _WINDOW_TALL = 0.65, 1.2  # half sizes, in the strip's width and a half's height
 _OVERLAP = 0.5  # of a half's height that the other half's window reaches into it
 _BESIDE = 0.6  # of the strip's width from its middle: no more of it, but the background
@@ -98,7 +97,7 @@ class TwoColourSearch:
         template, strip = candidate.template, self._cameras.strip
         solid = float(sums[:, 0].sum())
         azimuth = candidate.azimuth + float(sums[:, 1].sum()) / solid
-        distance = math.sqrt(strip.diameter_m * strip.tall_m / solid)
+        distance = distance_m(strip, solid)
         pixels = solid / pixel_rad**2
         halves = sums[:, 1] / sums[:, 0]
         apart = abs(float(halves[0] - halves[1]))
@@ -116,9 +115,9 @@ class TwoColourSearch:
             kept=not reason,
             reason=reason,
             bearing_rad=self._geometry.bearing(azimuth),
-            variance_rad2=(_PIXEL_STD * pixel_rad) ** 2 + apart**2 / 12.0,
+            variance_rad2=bearing_variance(pixel_rad, apart),
             range_m=distance,
-            range_std_m=distance * math.hypot(0.1, 0.7 / math.sqrt(pixels)),
+            range_std_m=distance_std_m(distance, pixels),
         )
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from host.messages import FloatArray, IntArray
+from host.messages import BoolArray, FloatArray, IntArray
 
 NOWHERE = -1
 _UNREAD = -1
@@ -104,8 +104,8 @@ def _give(
     return Given(given.origin[parents], weights.ravel()[best], readings, begun)
 
 
-def _next_free(track: IntArray, given: Given, unnamed: int) -> IntArray:
-    """False things have no names: a new one takes the first free row."""
+def _next_free(track: IntArray, given: Given, unnamed: int) -> BoolArray:
+    """Where (n, unnamed) a new false thing starts: in the first free row, as none has a name."""
     free = (track[:, :unnamed] == NOWHERE) & (given.readings[:, :unnamed] == _UNREAD)
     return np.asarray(free & (np.cumsum(free, axis=1) == 1))
 
