@@ -75,6 +75,11 @@ def into_new_frame(
     return moved, spread
 
 
+def along_rays(origin: tuple[float, float], bearings: FloatArray, ranges: FloatArray) -> FloatArray:
+    """Positions (k, 2) m at bearings (k,) rad and ranges (k,) m from `origin`."""
+    return columns(origin[0] + ranges * np.cos(bearings), origin[1] + ranges * np.sin(bearings))
+
+
 def on_rays(
     origin: tuple[float, float],
     bearings: FloatArray,
@@ -89,7 +94,7 @@ def on_rays(
     ray = np.stack((np.cos(bearings), np.sin(bearings)))
     covariances = np.einsum("ak,bk,k->kab", ray, ray, along - across)
     covariances += across[:, None, None] * np.eye(2)
-    return (np.array(origin)[:, None] + ranges * ray).T, covariances
+    return along_rays(origin, bearings, ranges), covariances
 
 
 # Where no odometry says how the robot drives: m² (per axis) and rad² a second. As a robot does that

@@ -16,8 +16,8 @@ from collections import deque
 
 import numpy as np
 
-from host.geometry import Path, rotation, to_frame, to_parent, wrap
-from host.messages import Bearings, Estimate, FloatArray, Positions
+from host.geometry import Path, into_new_frame, rotation, to_frame, to_parent, wrap
+from host.messages import Bearings, BoolArray, Estimate, FloatArray, IntArray, Positions
 
 LIDAR, WHEELS, CAMERAS = "lidar", "wheels", "cameras"
 _MEDIANS = {LIDAR: 1.386, WHEELS: 1.386, CAMERAS: 0.455}  # of chi-squared with 2, 2 and 1 dof
@@ -57,7 +57,7 @@ class _Things:
         self._scans += 1
         nis = np.full(len(carried), math.nan)
         if self._scans == 1 or measured.time - begun.time >= _BASE_S:
-            nis[found] = _nis(begun, measured, carried, found, nearest, path)
+            nis[found] = _nis(begun, measured, found, nearest[found], path)
         if self._scans == 1:
             self._first = nis
         kept = found & (self._seen >= _SEEN_SHARE * self._scans) & np.isfinite(self._first)
@@ -67,19 +67,17 @@ class _Things:
 def _nis(
     begun: Positions,
     measured: Positions,
-    carried: FloatArray,
-    found: FloatArray,
-    nearest: FloatArray,
+    found: BoolArray,
+    reading: IntArray,
     path: Path,
 ) -> FloatArray:
-    """nu^T S^-1 nu (k,) of the things found again, as if they had stood still."""
+    """nu^T S^-1 nu (k,) of the things (n,) found again, as if they had stood still.
+
+    reading (k,): which of those measured each is.
+    """
     motion = path.between(begun.time, measured.time)
-    places, reading = carried[found], nearest[found]
-    to_now = rotation(motion.dpsi).T
-    lever = places[:, ::-1] * (-1.0, 1.0)
-    spread = to_now @ begun.covariances[found] @ to_now.T + measured.covariances[reading]
-    spread = spread + motion.translation_variance * np.eye(2)
-    spread += motion.heading_variance * lever[:, :, None] * lever[:, None, :]
+    places, spread = into_new_frame(begun.positions[found], begun.covariances[found], motion)
+    spread += measured.covariances[reading]
     innovation = measured.positions[reading] - places
     weighted = np.linalg.solve(spread, innovation[..., None])[..., 0]
     return np.asarray(np.sum(innovation * weighted, axis=1))

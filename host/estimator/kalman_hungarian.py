@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from host.geometry import rotation, wrap
+from host.geometry import along_rays, rotation, wrap
 from host.message_checks import check
 from host.messages import (
     Bearings,
@@ -116,8 +116,7 @@ class KalmanHungarian:
         self._picture_time = self._time
         if measurement.ranges is None:
             return
-        along = np.column_stack((np.cos(measurement.bearings), np.sin(measurement.bearings)))
-        seen = np.array(measurement.origin) + measurement.ranges[:, None] * along
+        seen = along_rays(measurement.origin, measurement.bearings, measurement.ranges)
         lags = np.full(len(seen), measurement.lag if self._delays else 0.0)
         self._round(seen, lags, self._lidar_of(seen), "camera")
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
-from host.geometry import to_parent
+from host.geometry import along_rays, to_parent
 from host.messages import FloatArray, Scan
 
 FEWEST_RETURNS = 60  # of a scan that can be compared with another
@@ -32,7 +32,7 @@ def returns_of(scan: Scan, mounting: FloatArray) -> tuple[FloatArray, FloatArray
     """
     returned = scan.ranges > 0.0
     ranges, angles = scan.ranges[returned], scan.angles[returned]
-    beams = np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=1)
+    beams = along_rays((0.0, 0.0), angles, ranges)
     return to_parent(beams, mounting), scan.times[returned]
 
 

@@ -18,7 +18,7 @@ from host.calibration.result import Calibration, Fitted, Quantity, at_least
 from host.calibration.robust.rigid_alignment import Alignment, align_robustly
 from host.config import Camera
 from host.errors import UserError
-from host.geometry import to_parent, wrap
+from host.geometry import along_rays, to_parent, wrap
 from host.messages import FloatArray
 
 _DELAYS_S = np.arange(-0.1, 0.405, 0.05)  # beyond the configured one
@@ -86,9 +86,8 @@ def seen_by(gathered: Gathered, camera: str) -> tuple[FloatArray, FloatArray]:
     positions = [np.zeros((0, 2))]
     for bearings in gathered.bearings:
         if bearings.camera == camera and bearings.ranges is not None:
-            along = np.column_stack((np.cos(bearings.bearings), np.sin(bearings.bearings)))
-            positions.append(np.array(bearings.origin) + bearings.ranges[:, None] * along)
-            times += [bearings.time] * len(along)
+            positions.append(along_rays(bearings.origin, bearings.bearings, bearings.ranges))
+            times += [bearings.time] * len(bearings.ranges)
     step = -(-len(times) // _MOST_POSITIONS) or 1
     return np.array(times)[::step], np.concatenate(positions)[::step]
 

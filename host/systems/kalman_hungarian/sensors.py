@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from host.config import RobotConfig
-from host.geometry import Path
+from host.geometry import Path, along_rays
 from host.messages import Bearings, Displacement, FloatArray, Scan
 from host.perception.scan_match import returns_of
 from host.systems.kalman_hungarian.lidar_detection import DETECTIONS, Detection, detect
@@ -74,8 +74,7 @@ class Sensors:
             self.lidar[how] = Found(scan.time, positions, times[nearest])
 
     def _take_picture(self, picture: Bearings, ranges: FloatArray) -> None:
-        along = np.column_stack((np.cos(picture.bearings), np.sin(picture.bearings)))
-        positions = np.array(picture.origin) + ranges[:, None] * along
+        positions = along_rays(picture.origin, picture.bearings, ranges)
         taken = picture.time if self.compensated else self.path.end
         self.camera = Found(taken, positions, np.full(len(ranges), taken))
 
