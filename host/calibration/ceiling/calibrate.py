@@ -19,7 +19,7 @@ from host.calibration.result import (
 from host.calibration.stamps import delay_check
 from host.calibration.wheels import calibrate as wheels
 from host.calibration.wheels.drives import drives_of
-from host.calibration.wheels.verdict import LAG
+from host.calibration.wheels.verdict import KEYS, LAG
 from host.config import Ceiling
 from host.errors import UserError
 from host.messages import BoolArray, FloatArray
@@ -82,7 +82,8 @@ def calibrate_delay(gathered: Gathered) -> Calibration:
             f'source is "{mocap.source}" in [mocap] of robot.toml',
             'write source = "ceiling" there, and record a drive under that camera',
         )
-    found = wheels.calibrate(drives_of(gathered), gathered.config.wheels, mocap)
+    known = gathered.chain.covariance(gathered.config, KEYS[:3])
+    found = wheels.calibrate(drives_of(gathered), gathered.config.wheels, mocap, known)
     (lag,) = (row for row in found.fitted if row.name == LAG)
     delay = mocap.ceiling.delay_s - lag.value
     what = Quantity("mocap.ceiling.delay_s", "delay of the ceiling camera", "ms", _DELAY_LIMIT_S)

@@ -17,6 +17,7 @@ from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
 from host.calibration.wheels.model import LAGS, Drive, values_of, without_absurd_rows
 from host.calibration.wheels.noise import noise
 from host.calibration.wheels.pictures import pictures
+from host.calibration.wheels.scale import scale_of
 from host.calibration.wheels.verdict import (
     KEYS,
     LEAST_TURN_RAD,
@@ -35,10 +36,13 @@ from host.messages import FloatArray
 _MOST_ABSURD = 0.005  # of all rows of ticks
 
 
-def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibration:
+def calibrate(
+    drives: Sequence[Drive], wheels: Wheels, mocap: Mocap, known: FloatArray | None = None
+) -> Calibration:
     """Fit radii, track, the tracked body's pose on the robot, the lag of the ticks, and noise.
 
-    wheels, mocap: as configured. Raises UserError where nothing moved, or the wheels do not count
+    wheels, mocap: as configured. known (3, 3): covariance of radii and track, if an earlier fit
+    found those configured. Raises UserError where nothing moved, or the wheels do not count
     as the body moves; whatever else keeps the fit from being used is a failed check.
     """
     drives, absurd = usable(drives)
@@ -50,6 +54,7 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
     found = _fit(drives, wheels.counts_per_turn, nominal, both_ways)
     found = with_other_paths(found, driven)
     halves = _halves(drives, found.counts, wheels, mocap)
+    scale = scale_of(found.values, found.covariance, wheels, known)
     words = [f"{absurd} row(s) of ticks that no wheel can count: taken for what is around them"]
     other_counts = found.counts != wheels.counts_per_turn
     return Calibration(
@@ -62,9 +67,10 @@ def calibrate(drives: Sequence[Drive], wheels: Wheels, mocap: Mocap) -> Calibrat
             *verdict(found, driven, wheels),
             stamps_check([drive.truth_times for drive in drives]),
             _absurd_check(absurd, drives),
+            *scale.checks(mocap),
         ),
         residuals=residuals(found),
-        warnings=(*words[: min(absurd, 1)], *warnings(driven)),
+        warnings=(*words[: min(absurd, 1)], *warnings(driven), *scale.warnings(mocap)),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
         joint=(KEYS, found.covariance[:6, :6]),
         settings={"wheels.counts_per_turn": found.counts} if other_counts else {},

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import re
 from pathlib import Path
 
 import cv2
@@ -23,6 +24,7 @@ from host.messages import FloatArray, Image
 from host.perception.aruco import TagFinder
 from host.sessions.calibrating.ceiling_pictures import tags_in_file
 from tests.calibration.wheels.test_calibrate import LAG_S, gathered, wandering
+from tests.calibration.wheels.test_calibrate import TRUE as TRUE_WHEELS
 from tests.perception.drawn_tags import draw
 
 pytestmark = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV came without ArUco")
@@ -137,6 +139,23 @@ def test_the_delay_is_what_the_wheels_lag_by() -> None:
     assert found.new_settings()["mocap.ceiling.delay_s"] == pytest.approx(late - LAG_S, abs=0.013)
     with pytest.raises(UserError, match='source is "none"'):
         calibrate_delay(Gathered(RobotConfig()))
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1.05, r"[45]\.\d % larger"), (0.96, r"4\.\d % sm")])
+def test_distances_that_are_not_those_of_the_wheels_are_named(factor: float, words: str) -> None:
+    made = wandering(3, 30.0)
+    truth = made.truth * (factor, factor, 1.0)
+    config = RobotConfig(mocap=Mocap(source="ceiling"), wheels=TRUE_WHEELS)
+    found = calibrate_delay(gathered(dataclasses.replace(made, truth=truth), config))
+    (failure,) = (each for each in found.failures if "ceiling camera's distances" in each)
+    assert re.search(f"distances are {words}.*than the wheels' ", failure)
+
+
+def test_one_wheel_of_another_radius_is_not_the_ceiling_cameras_scale() -> None:
+    wheels = TRUE_WHEELS.model_copy(update={"left_radius_m": 0.035})
+    config = RobotConfig(mocap=Mocap(source="ceiling"), wheels=wheels)
+    found = calibrate_delay(gathered(wandering(3, 30.0), config))
+    assert not any("ceiling camera's distances" in each for each in found.failures)
 
 
 def test_the_command_writes_the_camera_into_robot_toml(tmp_path: Path) -> None:
