@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from host.cli import options
+from host.drivers.romeo.checks import firmware_version
 from host.drivers.romeo.ports import AUTO
 from host.flashing import build as romeo_build
 from host.flashing import flash as romeo_flash
@@ -47,7 +48,7 @@ def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
         click.echo(f"done: the board runs {romeo_identity.in_words(identity)}")
         figures |= {
             "port": flashed.port,
-            "version": romeo_identity.version(identity),
+            "version": firmware_version(identity),
             "protocol_hash": f"{identity.protocol_hash:08x}",
         }
     options.write_json(json_path, figures)

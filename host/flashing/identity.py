@@ -6,6 +6,7 @@ from pathlib import Path
 
 import serial
 
+from host.drivers.romeo.checks import firmware_version
 from host.drivers.romeo.device import BAUDRATE
 from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.ports import open_board
@@ -111,12 +112,8 @@ def compare(found: IdentityFrame, built: IdentityFrame) -> None:
         )
 
 
-def version(identity: IdentityFrame) -> str:
-    """The firmware's version as it is written: 1.2.3."""
-    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
-
-
 def in_words(identity: IdentityFrame) -> str:
     """Version, protocol and kind of board, for the screen."""
     board = "a Romeo V2" if identity.board == BOARD_ROMEO_V2 else f"board {identity.board}"
-    return f"firmware {version(identity)} with protocol {identity.protocol_hash:08x} on {board}"
+    version = firmware_version(identity)
+    return f"firmware {version} with protocol {identity.protocol_hash:08x} on {board}"

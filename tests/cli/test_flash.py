@@ -9,11 +9,12 @@ from click.testing import CliRunner, Result
 from serial.tools import list_ports
 
 from host.cli.main import main
+from host.drivers.romeo.checks import firmware_version
 from host.drivers.romeo.protocol import PROTOCOL_HASH
 from host.flashing import build as romeo_build
 from host.flashing.build import build_with_avr_gcc
 from host.flashing.flash import find_avrdude
-from host.flashing.identity import identity_of, in_words, version
+from host.flashing.identity import identity_of, in_words
 from host.simulation.devices import romeo_stand_in as romeo_device
 from tests.flashing.romeo_machine import Machine
 from tests.toolchain import needed
@@ -60,7 +61,8 @@ def test_a_board_is_flashed_with_a_line_for_each_step(
 ) -> None:
     needed(find_avrdude)
     built = identity_of()
-    monkeypatch.setattr(romeo_device, "VERSION", tuple(map(int, version(built).split("."))))
+    version = firmware_version(built)
+    monkeypatch.setattr(romeo_device, "VERSION", tuple(map(int, version.split("."))))
     path = tmp_path / "figures.json"
     with Machine(tmp_path) as machine:
         monkeypatch.setattr(list_ports, "comports", machine.comports)
@@ -69,7 +71,7 @@ def test_a_board_is_flashed_with_a_line_for_each_step(
     assert done.output.splitlines()[-1] == f"done: the board runs {in_words(built)}"
     figures = json.loads(path.read_text("utf-8"))["result"]
     assert figures["port"] == str(machine.sketch.path)
-    assert figures["version"] == version(built)
+    assert figures["version"] == version
     assert figures["protocol_hash"] == f"{PROTOCOL_HASH:08x}"
 
 

@@ -40,6 +40,7 @@ class Link:
             self._key, settings.robot, self._session, settings.clock_tolerance_s
         )
         self._emit: Callable[[Message], None] = lambda message: None
+        self._stop = threading.Event()
         self._health = HealthReporter(LINK, clock)
         self._last_heard: dict[int, float] = {}
         self._socket: socket.socket | None = None
@@ -51,8 +52,8 @@ class Link:
 
     def run(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
         """Listen until `stop` is set, and emit what is heard, and Health."""
-        self._emit = emit
-        keep_connected(lambda: self._serve(stop), self._report_failure, stop)
+        self._emit, self._stop = emit, stop
+        keep_connected(self._serve, self._report_failure, stop)
 
     def take(self, message: Message) -> None:
         """Send odometry when it is due; other messages are left alone."""
@@ -86,7 +87,8 @@ class Link:
         except OSError as error:  # no network yet, or none any more: it may come
             self._unsent = error.strerror or str(error)
 
-    def _serve(self, stop: threading.Event) -> None:
+    def _serve(self) -> None:
+        """One socket: until `stop` is set or it fails. Raises UserError."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
             way.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             way.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -101,7 +103,7 @@ class Link:
                 ) from error
             self._socket = way
             try:
-                while not stop.is_set():
+                while not self._stop.is_set():
                     self._receive(way)
                     ok, reason = self._judge()
                     self._health.report(self._emit, ok, reason, lambda: self._receiver.counts)

@@ -54,6 +54,11 @@ def wrong_edges(identity: IdentityFrame, wheels: Wheels) -> tuple[str, str]:
     return "", f"{finding}: for another motor set periods_per_turn, too"
 
 
+def firmware_version(identity: IdentityFrame) -> str:
+    """As it is written: 1.2.3."""
+    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+
+
 def old_version(identity: IdentityFrame) -> str:
     """Names firmware that is older than this program's; "" where it is not."""
     version = identity.version_major, identity.version_minor, identity.version_patch

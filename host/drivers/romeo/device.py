@@ -4,7 +4,6 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
 
 import serial
 
@@ -34,6 +33,8 @@ class Romeo:
         self._session = BoardSession(robot)
         self._lock = threading.Lock()
         self._wanted: tuple[tuple[int, int], float] | None = None
+        self._emit: Callable[[Message], None] = lambda message: None
+        self._stop = threading.Event()
         self._health = HealthReporter(BOARD, clock)
         self._identity: dict[str, str] = {}
 
@@ -53,36 +54,38 @@ class Romeo:
         Failures of the device are reported as Health, and it is tried again; it raises only what
         is the program's own fault.
         """
-        keep_connected(partial(self._serve, emit, stop), partial(self._report_failure, emit), stop)
+        self._emit, self._stop = emit, stop
+        keep_connected(self._serve, self._report_failure, stop)
 
-    def _serve(self, emit: Callable[[Message], None], stop: threading.Event) -> None:
+    def _serve(self) -> None:
         """One connection, until `stop` is set or the port fails."""
         with open_port(find_port(BOARD, SKETCH_IDS, self._port), BAUDRATE, dtr=True) as port:
             now = self._clock()
-            emit(DeviceBytes(now, BOARD, b""))
+            self._emit(DeviceBytes(now, BOARD, b""))
             self._session.connect(now)
             try:
-                while not stop.is_set():
-                    self._turn(emit, port)
+                while not self._stop.is_set():
+                    self._talk(port)
             finally:
                 # Where the port is gone, the board's own command timeout stops the wheels.
                 with contextlib.suppress(OSError):
                     port.write(self._session.stop())
 
-    def _turn(self, emit: Callable[[Message], None], port: serial.Serial) -> None:
+    def _talk(self, port: serial.Serial) -> None:
+        """Take in what has come, and send what is due."""
         with self._health.pace.within(READ_TIMEOUT_S):
             data = read_available(port, READ_TIMEOUT_S)
         now = self._clock()
         if data:
-            emit(DeviceBytes(now, BOARD, data))
+            self._emit(DeviceBytes(now, BOARD, data))
         for step in self._session.receive(data, now):
-            emit(step)
+            self._emit(step)
         identity = self._session.identity()
         if identity and identity != self._identity:
             self._identity = identity
-            emit(DeviceIdentity(now, BOARD, identity))
+            self._emit(DeviceIdentity(now, BOARD, identity))
         port.write(self._session.transmit(now, self._command_at(now)))
-        self._health.report(emit, *self._session.state(now), self._session.counts)
+        self._health.report(self._emit, *self._session.state(now), self._session.counts)
 
     def _command_at(self, now: float) -> tuple[int, int] | None:
         """The last command in ticks/s (left, right), while it is in force."""
@@ -91,5 +94,5 @@ class Romeo:
                 return None
             return self._wanted[0]
 
-    def _report_failure(self, emit: Callable[[Message], None], error: UserError) -> None:
-        self._health.report(emit, False, str(error), self._session.counts, certain=True)
+    def _report_failure(self, error: UserError) -> None:
+        self._health.report(self._emit, False, str(error), self._session.counts, certain=True)

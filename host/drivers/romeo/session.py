@@ -8,7 +8,13 @@ from dataclasses import asdict
 
 from host.config import RobotConfig
 from host.drivers.clock import ClockSync
-from host.drivers.romeo.checks import ReportChecks, illegal_transitions, old_version, wrong_edges
+from host.drivers.romeo.checks import (
+    ReportChecks,
+    firmware_version,
+    illegal_transitions,
+    old_version,
+    wrong_edges,
+)
 from host.drivers.romeo.differential_drive import displacement, distance, wheel_speeds
 from host.drivers.romeo.framing import DELIMITER, BoardDecoder, encode
 from host.drivers.romeo.protocol import (
@@ -81,7 +87,7 @@ class BoardSession:
         if found is None:
             return {}
         return {
-            "firmware": _version(found),
+            "firmware": firmware_version(found),
             "protocol": f"{found.protocol_hash:08x}",
             "board": str(found.board),
             "edges_per_period": str(found.edges_per_period),
@@ -218,7 +224,7 @@ class BoardSession:
         faults = [self._runaway.fault(now), edges_fault, self._checks.fault(now)]
         stored = ", settings sent from robot.toml" * self._lost_settings
         remarks = [
-            f"firmware {_version(identity)}{stored}",
+            f"firmware {firmware_version(identity)}{stored}",
             old_version(identity),
             *self._about_settings(settings),
             edges_remark,
@@ -263,10 +269,6 @@ class BoardSession:
             "runaways": self._runaway.count,
             "odometry_disagreements": self._checks.disagreements,
         }
-
-
-def _version(identity: IdentityFrame) -> str:
-    return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
 
 
 def settings_for(robot: RobotConfig) -> SettingsFrame:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from host.config import Board, RobotConfig, Wheels
+from host.config import Board, Motors, RobotConfig, Wheels
 from host.drivers.romeo.device import Romeo
 from host.drivers.romeo.differential_drive import body_speeds
 from host.drivers.romeo.framing import BoardDecoder
@@ -255,7 +255,8 @@ def test_commands_reach_the_wheels_within_limits_and_end_with_the_driver(
 
 def test_wheels_too_fast_for_a_frame_keep_to_their_arc() -> None:
     wheels = Wheels(counts_per_turn=100_000, max_speed_mps=4.0, max_turn_rate_radps=40.0)
-    romeo = Romeo(RobotConfig(wheels=wheels), clock=lambda: 0.0)
+    robot = RobotConfig(wheels=wheels, motors=Motors(full_speed_mps=4.0))
+    romeo = Romeo(robot, clock=lambda: 0.0)
     romeo.command(4.0, 40.0)
     wanted = romeo._command_at(0.0)
     assert wanted is not None
