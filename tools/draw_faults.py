@@ -26,8 +26,7 @@ def picture(records: Sequence[Record], filter_name: str) -> str:
     return diagram.svg(
         ReportPicture(
             title="GOSPA over time while sensors fail",
-            x_label="time (s)",
-            y_label=f"{filter_name}: GOSPA (m), mean over seeds",
+            axes=("time (s)", f"{filter_name}: GOSPA (m), mean over seeds"),
             series=tuple(series),
         ),
         0,

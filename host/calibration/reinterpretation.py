@@ -25,14 +25,11 @@ class Reinterpretation:
         self._later_lidar = old.lidar.delay_s - new.lidar.delay_s
         self._later_camera = old.camera.delay_s - new.camera.delay_s
         self._noise = new.camera.bearing_noise_rad**2 - old.camera.bearing_noise_rad**2
-        self._views = {
-            name: (Lens(before), View(after), StripGeometry(new.camera, after).view)
-            for name, before, after in (
-                ("front", old.camera.front, new.camera.front),
-                ("rear", old.camera.rear, new.camera.rear),
-            )
-            if _placed(before) != _placed(after)
-        }
+        self._views = {}
+        for name in ("front", "rear"):
+            before, after = getattr(old.camera, name), getattr(new.camera, name)
+            if _placed(before) != _placed(after):
+                self._views[name] = Lens(before), View(after), StripGeometry(new.camera, after).view
 
     def of(self, message: Message) -> Message:
         """The message as the new configuration has it."""

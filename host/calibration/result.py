@@ -198,11 +198,13 @@ def thinned(x: FloatArray, y: FloatArray, label: str = "", role: Role = "") -> S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPicture:
-    """A diagram of the report. caption: what one sees in it. equal: both axes to one scale."""
+    """A diagram of the report.
+
+    axes: what x and y are, with units. caption: what one sees in it. equal: both to one scale.
+    """
 
     title: str
-    x_label: str
-    y_label: str
+    axes: tuple[str, str]
     series: tuple[Series, ...]
     caption: str = ""
     equal: bool = False

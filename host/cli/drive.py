@@ -187,7 +187,7 @@ def calibration(
     It ends when there is enough data for wheels, lidar and cameras.
     """
     # The fits' rooms are slow to load, and no other way to drive needs them.
-    from host.sessions.calibrating.drive_advice import drive_advice
+    from host.sessions.calibrating.calibrate import drive_advice
 
     record = record or drive_name()
     gathering.live(robot_path, scenario, seconds, record, drive_advice, True, drives=True)

@@ -45,8 +45,7 @@ def _cumulative(found: Found) -> PaperFigure:
         rows,
         ReportPicture(
             title="Cumulative error (Belaroussi 2024, section 6.2.1)",
-            x_label="error of a pair (m)",
-            y_label="share of pairs with at most this error",
+            axes=("error of a pair (m)", "share of pairs with at most this error"),
             series=tuple(series),
         ),
     )
@@ -74,8 +73,7 @@ def _binned(
         rows,
         ReportPicture(
             title=f"Error over {what} (Belaroussi 2024, section 6.2.1)",
-            x_label=axis,
-            y_label="RMSE of pairs (m)",
+            axes=(axis, "RMSE of pairs (m)"),
             series=tuple(series),
         ),
     )
@@ -94,8 +92,7 @@ def _gospa(scored: Scored) -> PaperFigure:
         rows,
         ReportPicture(
             title=f"GOSPA over time, mean of each {GOSPA_BIN_S:g} s",
-            x_label="time (s)",
-            y_label="GOSPA (m)",
+            axes=("time (s)", "GOSPA (m)"),
             series=tuple(series),
         ),
     )

@@ -59,8 +59,7 @@ def _time_over(name: str, by_sensors: dict[str, list[Instant]]) -> PaperFigure:
         rows,
         ReportPicture(
             title=f"{name}: time with an error over 30 cm (Perera 2021, figures 7 and 24)",
-            x_label="robots, worst first",
-            y_label="% of the time in range",
+            axes=("robots, worst first", "% of the time in range"),
             series=drawn,
         ),
     )
@@ -91,8 +90,7 @@ def _weights(name: str, by_sensors: dict[str, list[Instant]]) -> PaperFigure:
         rows,
         ReportPicture(
             title=f"{name}: number of robots estimated (Perera 2021, figures 8 and 24)",
-            x_label="time (s)",
-            y_label="sum of the reported weights",
+            axes=("time (s)", "sum of the reported weights"),
             series=tuple(series),
         ),
     )
@@ -111,8 +109,7 @@ def _errors(name: str, sensors: str, instants: list[Instant]) -> PaperFigure:
         rows,
         ReportPicture(
             title=f"{label(name, sensors)}: distance errors (Perera 2021, figure 23)",
-            x_label="time (s)",
-            y_label="distance of the nearest estimate (m)",
+            axes=("time (s)", "distance of the nearest estimate (m)"),
             series=tuple(
                 line(found.times, found.errors[:, k], f"robot {robot}" if k < 6 else "")
                 for k, robot in enumerate(found.robots)
@@ -144,8 +141,7 @@ def _paths(name: str, sensors: str, instants: list[Instant], scored: Scored) -> 
         rows,
         ReportPicture(
             title=f"{label(name, sensors)}: paths and estimates (Perera 2021, figure 9)",
-            x_label="x (m), in the frame of the odometry's start",
-            y_label="y (m)",
+            axes=("x (m), in the frame of the odometry's start", "y (m)"),
             series=(
                 *(_path_of(rows, robot) for robot in nearest_errors(instants).robots),
                 _estimates(rows),

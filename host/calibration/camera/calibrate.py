@@ -99,7 +99,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
-        pictures=pictures(gathered, fit, table, reaches),
+        pictures=pictures(cameras, fit, table, reaches),
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),
     )

@@ -16,9 +16,8 @@ from host.calibration.camera.fit import CameraFit
 from host.calibration.camera.model import equidistant
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.camera.reach import Reach
-from host.calibration.gathered import Gathered
 from host.calibration.result import ReportPicture, Role, Series, thinned
-from host.config import Camera
+from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
 
@@ -26,28 +25,30 @@ _BEARING = "bearing in the robot frame, deg (left is positive)"
 
 
 def pictures(
-    gathered: Gathered,
+    cameras: Cameras,
     fit: CameraFit,
     table: Mapping[int, list[BearingSector]],
     reaches: Mapping[int, Reach],
 ) -> tuple[ReportPicture, ...]:
-    """Where strips were, how well bearings are known, and errors before and after."""
+    """Where strips were, how well bearings are known, and errors before and after.
+
+    cameras: as configured.
+    """
     bearings = np.degrees(bearings_of(fit))
     ranges = np.hypot(*fit.pairs.at(fit.delay)[:, :2].T)
-    configured = [equidistant(getattr(gathered.config.camera, name)) for name in CAMERAS]
+    configured = [equidistant(getattr(cameras, name)) for name in CAMERAS]
     after = np.degrees(pair_errors(fit, fit.cameras, fit.delay))
     before = np.degrees(pair_errors(fit, configured, 0.0))
     shown = fit.used & np.isfinite(after)
-    cameras = fit.pairs.strips.cameras
+    taken_by = fit.pairs.strips.cameras
     return (
         *(_in_picture(fit, number, reaches.get(number)) for number in table),
         _sigmas(table),
         ReportPicture(
             title="Errors of bearings by range",
-            x_label="range, m",
-            y_label="error, deg",
+            axes=("range, m", "error, deg"),
             series=tuple(
-                _points(f"{name} camera", ranges, after, shown & (cameras == number), name)
+                _points(f"{name} camera", ranges, after, shown & (taken_by == number), name)
                 for number, name in enumerate(CAMERAS)
                 if fit.fitted[number]
             ),
@@ -55,8 +56,7 @@ def pictures(
         ),
         ReportPicture(
             title="Errors of bearings by bearing",
-            x_label=_BEARING,
-            y_label="error, deg",
+            axes=(_BEARING, "error, deg"),
             series=(
                 _points("before", bearings, before, shown & np.isfinite(before), "before"),
                 _points("fitted", bearings, after, shown, "fitted"),
@@ -69,8 +69,7 @@ def pictures(
 def _sigmas(table: Mapping[int, list[BearingSector]]) -> ReportPicture:
     return ReportPicture(
         title="How well bearings are known",
-        x_label=_BEARING,
-        y_label="sigma, deg",
+        axes=(_BEARING, "sigma, deg"),
         series=tuple(
             Series(
                 np.array([s.first_deg + 0.5 * SECTOR_DEG for s in found]),
@@ -93,8 +92,7 @@ def _in_picture(fit: CameraFit, number: int, reach: Reach | None) -> ReportPictu
     circle = [] if reach is None else [_circle(camera, reach)]
     return ReportPicture(
         title=f"Strips in the picture of the {CAMERAS[number]} camera",
-        x_label="x, px",
-        y_label="above the lower border, px",
+        axes=("x, px", "above the lower border, px"),
         series=(
             _points("used", x, up, mine & fit.used, "measured"),
             _points("not where a teammate was", x, up, mine & ~fit.used, "refused"),

@@ -49,7 +49,7 @@ def verdict(
             "at one constant speed a delay looks like a camera that is mounted askew"
         ),
         delay_check("delay of the cameras", cameras.delay_s + fit.delay, sigma),
-        _agreement(cameras, fit, halves, table),
+        _agreement(cameras, halves, table),
     )
 
 
@@ -117,9 +117,7 @@ def _sound(fit: CameraFit, number: int) -> list[Check]:
     ]
 
 
-def _agreement(
-    cameras: Cameras, fit: CameraFit, halves: Halves, table: Mapping[int, list[BearingSector]]
-) -> Check:
+def _agreement(cameras: Cameras, halves: Halves, table: Mapping[int, list[BearingSector]]) -> Check:
     """Whether both halves of the data give the same bearings, where both had views."""
     apart = math.inf
     if halves is not None:

@@ -162,8 +162,7 @@ def _pictures(problem: CeilingProblem, fit: CeilingFit) -> tuple[ReportPicture, 
     return (
         ReportPicture(
             title="Tags in the picture",
-            x_label="x, px",
-            y_label="above the lower border, px",
+            axes=("x, px", "above the lower border, px"),
             series=(
                 thinned(x_used, eye.height_px - y_used, "used", "measured"),
                 thinned(x_other, eye.height_px - y_other, "not as a tag looks", "refused"),
@@ -173,8 +172,7 @@ def _pictures(problem: CeilingProblem, fit: CeilingFit) -> tuple[ReportPicture, 
         ),
         ReportPicture(
             title="Corners of tags, by distance from the middle",
-            x_label="distance from the middle of the picture, px",
-            y_label="worst corner of a tag, px off",
+            axes=("distance from the middle of the picture, px", "worst corner of a tag, px off"),
             series=(
                 thinned(aside, before[fit.used], "before", "before"),
                 thinned(aside, after[fit.used], "fitted", "fitted"),

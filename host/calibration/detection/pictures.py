@@ -34,8 +34,7 @@ def lidar_pictures(
         _by_bearing("lidar", views.part(views.distances < _BLIND_M), sectors),
         ReportPicture(
             title="Errors of the lidar's readings",
-            x_label="range, m",
-            y_label="reading minus truth, mm",
+            axes=("range, m", "reading minus truth, mm"),
             series=(
                 thinned(views.distances[seen], along, "along the line of sight", "along"),
                 thinned(views.distances[seen], across, "across", "across"),
@@ -44,8 +43,7 @@ def lidar_pictures(
         ),
         ReportPicture(
             title="False candidates on the floor",
-            x_label="x, m",
-            y_label="y, m",
+            axes=("x, m", "y, m"),
             series=(
                 Series(robots[:, 0], robots[:, 1], "the robot's path", "reference", "line"),
                 thinned(false[:, 0], false[:, 1], "clutter", "measured"),
@@ -68,15 +66,13 @@ def camera_pictures(survey: CameraSurvey, curve: RangeCurve) -> list[ReportPictu
         _by_bearing("cameras", views.part(views.distances < _BLIND_M), []),
         ReportPicture(
             title="Errors of the cameras' bearings",
-            x_label="bearing, deg",
-            y_label="bearing minus truth, deg",
+            axes=("bearing, deg", "bearing minus truth, deg"),
             series=(thinned(np.degrees(views.bearings[seen]), errors, role="measured"),),
             caption="A wave about zero is a lens or a mounting that is not right yet.",
         ),
         ReportPicture(
             title="False bearings",
-            x_label="time, s",
-            y_label="bearing, deg",
+            axes=("time, s", "bearing, deg"),
             series=(thinned(times - survey.times.min(), np.degrees(bearings), role="measured"),),
             caption="A row at one bearing is something red that the robot carries; one at 90 deg "
             "to either side is the seam between the two cameras.",
@@ -100,8 +96,7 @@ def _by_range(sensor: str, views: Views, curve: RangeCurve) -> ReportPicture:
     line = np.linspace(0.0, end, 100)
     return ReportPicture(
         title=f"Detection by range, {sensor}",
-        x_label="range, m",
-        y_label="share of views",
+        axes=("range, m", "share of views"),
         series=(
             Series(middles, shares, "detected", "measured", "bars"),
             Series(line, curve.at(line), "fitted curve", "fitted", "line"),
@@ -120,8 +115,7 @@ def _by_bearing(sensor: str, views: Views, sectors: list[FoundSector]) -> Report
         series.append(Series(np.degrees(line), open_, "blind sectors: 0", "fitted", "line"))
     return ReportPicture(
         title=f"Detection by bearing, {sensor}, nearer than {_BLIND_M:g} m",
-        x_label="bearing, deg",
-        y_label="share of views",
+        axes=("bearing, deg", "share of views"),
         series=tuple(series),
         caption="Gaps are where the robot's own pillars hide teammates."
         if sectors

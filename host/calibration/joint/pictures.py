@@ -23,8 +23,7 @@ def pictures(problem: Problem, solution: Solution) -> tuple[ReportPicture, ...]:
     return (
         ReportPicture(
             title="turrets beside their bodies' pivots",
-            x_label="ahead, mm",
-            y_label="to the left, mm",
+            axes=("ahead, mm", "to the left, mm"),
             series=tuple(series),
             caption="each turret in the frame of its body: the three marks of one lie together",
             equal=True,

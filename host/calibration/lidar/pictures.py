@@ -19,8 +19,7 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
     return (
         ReportPicture(
             title="Coverage",
-            x_label="x (ahead), m",
-            y_label="y (left), m",
+            axes=("x (ahead), m", "y (left), m"),
             series=(
                 Series(used[:, 0], used[:, 1], "used", "measured"),
                 Series(rejected[:, 0], rejected[:, 1], "rejected as wrong", "refused"),
@@ -33,16 +32,14 @@ def pictures(outcome: Outcome) -> tuple[ReportPicture, ...]:
         _residuals(outcome, np.degrees(bearings), "bearing", "deg", _BEARING_CAPTION),
         ReportPicture(
             title="Delay",
-            x_label="delay, ms",
-            y_label="rms error, cut off at 100 mm, mm",
+            axes=("delay, ms", "rms error, cut off at 100 mm, mm"),
             series=(Series(delays_ms, rms_mm, "", "fitted", "line"),),
             caption="How well the best mounting fits at each delay. Good is one narrow dip; "
             "where it is flat, the path does not separate the delay from a rotation of the lidar.",
         ),
         ReportPicture(
             title="Before and after",
-            x_label="error in x, mm",
-            y_label="error in y, mm",
+            axes=("error in x, mm", "error in y, mm"),
             series=(
                 Series(before[:, 0], before[:, 1], "before", "before"),
                 Series(after[:, 0], after[:, 1], "fitted", "fitted"),
@@ -64,8 +61,7 @@ def _residuals(
     along, across = outcome.along_across
     return ReportPicture(
         title=f"Residuals by {name}",
-        x_label=f"{name}, {unit}",
-        y_label="error, mm",
+        axes=(f"{name}, {unit}", "error, mm"),
         series=(
             Series(x, 1e3 * along, "along the beam", "along"),
             Series(x, 1e3 * across, "across", "across"),

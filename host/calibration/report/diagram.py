@@ -107,8 +107,8 @@ def _drawn(picture: ReportPicture) -> Iterator["Figure"]:
 
 
 def _draw(axes: "Axes", picture: ReportPicture) -> None:
-    axes.set_xlabel(picture.x_label)
-    axes.set_ylabel(picture.y_label)
+    axes.set_xlabel(picture.axes[0])
+    axes.set_ylabel(picture.axes[1])
     axes.grid(color=_FAINT, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

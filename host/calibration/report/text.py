@@ -32,12 +32,6 @@ def _decimals(sigma: float) -> int:
     return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
 
 
-def why_unbounded(calibration: Calibration) -> str:
-    """Why some rows have no largest sigma; "" where all have one."""
-    reasons = dict.fromkeys(row.unbounded for row in calibration.fitted if row.limit is None)
-    return f"sigma at most –: {'; '.join(reasons)}" if reasons else ""
-
-
 def fitted_cells(row: Fitted) -> tuple[str, str, str, str]:
     """Value and sigma, the largest sigma that will do, what was before, and the verdict.
 
@@ -72,10 +66,11 @@ def as_text(calibration: Calibration, columns: float = _COLUMNS) -> str:
         for check in calibration.checks:
             found, needed, verdict = check_cells(check)
             lines.append(_row(check.name, found, needed, "", verdict, most))
-    notes = [why_unbounded(calibration)]
-    notes += [f"residuals: {calibration.residuals}" if calibration.residuals else ""]
+    unbounded = dict.fromkeys(row.unbounded for row in calibration.fitted if row.unbounded)
+    notes = [f"sigma at most –: {'; '.join(unbounded)}"] if unbounded else []
+    notes += [f"residuals: {calibration.residuals}"] if calibration.residuals else []
     notes += [f"beware: {warning}" for warning in calibration.warnings]
-    for note in filter(None, notes):
+    for note in notes:
         lines += ["", textwrap.fill(note, most)]
     return "\n".join([*lines, "", _conclusion(calibration, most)])
 

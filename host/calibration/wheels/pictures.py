@@ -45,8 +45,7 @@ def pictures(
         _headings(shown, before, after),
         ReportPicture(
             title="What was driven",
-            x_label="speed, m/s",
-            y_label="rotation rate, deg/s",
+            axes=("speed, m/s", "rotation rate, deg/s"),
             series=(Series(driven.speeds, np.degrees(driven.turn_rates), "", "reference"),),
             caption="Each point is 2 s. Good: points above and below zero, and along it.",
         ),
@@ -71,8 +70,7 @@ def _path(drive: Drive, lag: FloatArray, before: Geometry, after: Geometry) -> R
     *_, new = _both(drive, lag, after)
     return ReportPicture(
         title=f"Path {drive.name}".rstrip(),
-        x_label="x, m",
-        y_label="y, m",
+        axes=("x, m", "y, m"),
         series=(
             Series(true[:, 0], true[:, 1], "motion capture", "reference", "line"),
             Series(old[:, 0], old[:, 1], "wheels, before", "before", "line"),
@@ -96,8 +94,7 @@ def _headings(
             series.append(Series(times - drive.span[0], error, label, role, "line"))
     return ReportPicture(
         title="Error of the heading",
-        x_label="time, s",
-        y_label="by the wheels minus true, deg",
+        axes=("time, s", "by the wheels minus true, deg"),
         series=tuple(series),
         caption="What is left is a random walk; a line that still climbs steadily is geometry.",
     )
@@ -110,8 +107,7 @@ def _left_over(drives: Sequence[Drive], found: Fit, before: Geometry) -> ReportP
     new = np.degrees(found.residuals[found.used, 2])
     return ReportPicture(
         title="Heading error in 2 s, by rotation rate",
-        x_label="rotation rate, deg/s",
-        y_label="by the wheels minus true, deg",
+        axes=("rotation rate, deg/s", "by the wheels minus true, deg"),
         series=(Series(rates, old, "before", "before"), Series(rates, new, "fitted", "fitted")),
         caption="Before, a slope is the track and an offset the radii; fitted, neither is left.",
     )

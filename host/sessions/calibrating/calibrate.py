@@ -10,7 +10,7 @@ from host.calibration.joint import calibrate as joint
 from host.calibration.lidar import calibrate as lidar
 from host.calibration.result import Calibration
 from host.calibration.wheels import calibrate as wheels
-from host.calibration.wheels.drives import drives_of
+from host.calibration.wheels.drives import drives_of, wheels_advice
 from host.config import RobotConfig
 from host.errors import UserError
 from host.sessions.calibrating.gathering import gather_source
@@ -51,6 +51,12 @@ def lacking(kind: CalibrationKind, gathered: Gathered) -> str:
     if kind == "camera":
         return "" if any(b.pixels is not None for b in gathered.bearings) else "strips in pictures"
     return "" if gathered.scans else "revolutions of a lidar"
+
+
+def drive_advice(gathered: Gathered) -> list[str]:
+    """What a drive still lacks for the fits of wheels, lidar and cameras, where there are any."""
+    missing = [*wheels_advice(gathered), *lidar.lidar_advice(gathered)]
+    return missing if lacking("camera", gathered) else missing + camera.camera_advice(gathered)
 
 
 def _wheels(gathered: Gathered) -> Calibration:

@@ -47,8 +47,7 @@ FLAT = at_least("delay separate from rotation", 1.2, 3.0, "times").otherwise(
 PICTURES = (
     ReportPicture(
         title="Path $1 <b>",
-        x_label="x_1 / m",
-        y_label="$y / m",
+        axes=("x_1 / m", "$y / m"),
         caption="where & how",
         equal=True,
         series=(
@@ -58,8 +57,7 @@ PICTURES = (
     ),
     ReportPicture(
         title="By range",
-        x_label="range / m",
-        y_label="pairs",
+        axes=("range / m", "pairs"),
         series=(
             Series(x=np.arange(3.0), y=np.array([1.0, math.nan, math.inf]), style="bars"),
             Series(x=np.zeros(0), y=np.zeros(0), label="none"),
@@ -177,9 +175,7 @@ def test_pictures_are_drawn_within_the_page_and_alike_each_time() -> None:
 def test_pictures_hold_every_point_that_is_a_number() -> None:
     pytest.importorskip("matplotlib")
     x = np.array([0.0, 1.0, math.nan, 3.0, math.inf])
-    picture = ReportPicture(
-        title="t", x_label="x", y_label="y", series=(Series(x=x, y=np.arange(5.0)),)
-    )
+    picture = ReportPicture(title="t", axes=("x", "y"), series=(Series(x=x, y=np.arange(5.0)),))
     (element,) = svgs(as_html(calibration(pictures=(picture,)), "a", "b", "c"))
     colour = "#0072b2"
     marks = [
@@ -197,9 +193,9 @@ def test_a_colour_means_the_same_in_every_picture_and_the_page_says_what() -> No
     x = np.arange(3.0)
     fitted = Series(x=x, y=x, role="fitted", style="line")
     before = Series(x=x, y=x + 1.0, role="before", style="line")
-    words = {"title": "t", "x_label": "x", "y_label": "y"}
     pictures = tuple(
-        ReportPicture(**words, series=each) for each in ((fitted,), (before, fitted), (before,))
+        ReportPicture(title="t", axes=("x", "y"), series=each)
+        for each in ((fitted,), (before, fitted), (before,))
     )
     page = as_html(calibration(pictures=pictures), "a", "b", "c")
     first, second, third = svgs(page)
