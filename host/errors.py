@@ -14,6 +14,11 @@ class UserError(Exception):
         self.next_step = next_step
 
 
+def cannot_write(what: object, error: OSError, next_step: str) -> UserError:
+    """The error of a file, or what else `what` names, that could not be written."""
+    return UserError(f"cannot write {what}", error.strerror or str(error), next_step)
+
+
 def one_line(text: str) -> str:
     """Lines joined by semicolons."""
     return "; ".join(text.splitlines())

@@ -17,7 +17,7 @@ import numpy as np
 
 from host.calibration.result import Calibration
 from host.config import RobotConfig
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.messages import FloatArray
 
 BODY = ("mocap.x_m", "mocap.y_m", "mocap.heading_rad")
@@ -122,6 +122,4 @@ def save(robot: Path, chain: Chain) -> None:
     try:
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        raise UserError(
-            f"cannot write {path}", error.strerror or str(error), "check its folder"
-        ) from error
+        raise cannot_write(path, error, "check its folder") from error

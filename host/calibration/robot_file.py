@@ -21,7 +21,7 @@ import tomlkit
 
 from host.calibration.result import SCREEN_UNITS
 from host.config import RobotConfig, Section, load_config, parse_config
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 
 _DIGITS = 6  # significant: a micrometre of a wheel, a hundredth of a pixel
 _HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)(\]\]?)\s*(?:#.*)?$")
@@ -291,8 +291,5 @@ def _write(path: Path, text: str) -> None:
         if temporary:
             with suppress(OSError):
                 os.unlink(temporary)
-        raise UserError(
-            f"cannot write the configuration {path}",
-            error.strerror or str(error),
-            "check that you may write to its folder and that the disk is not full",
-        ) from error
+        next_step = "check that you may write to its folder and that the disk is not full"
+        raise cannot_write(f"the configuration {path}", error, next_step) from error

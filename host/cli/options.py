@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import click
 
 from host.cli import completion
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.recording.elsewhere.named_columns import units_of
 from host.registry import FILTERS
 from host.sessions.recordings.truth_files import TruthFile, truth_file
@@ -75,14 +75,9 @@ def check_writable(path: Path) -> None:
             if not existed or path.is_char_device():
                 file.write(b"\n")
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise cannot_write(path, error, "choose another file") from error
     if not existed:
         path.unlink()
-
-
-def _unwritable(path: Path, error: OSError) -> UserError:
-    why = error.strerror or str(error)
-    return UserError(f"cannot write {path}", why, "choose another file")
 
 
 def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
@@ -256,7 +251,7 @@ def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) ->
         text = json.dumps(_finite(whole), indent=1, allow_nan=False) + "\n"
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        failure = _unwritable(path, error)
+        failure = cannot_write(path, error, "choose another file")
 
         def fail() -> None:
             raise failure

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from host.cli.options import robot_option
-from host.errors import UserError
+from host.errors import cannot_write
 from host.perception.strips.sheet import PAPERS_MM, strip_sheet
 from host.sessions.robot import robot_configuration
 
@@ -47,9 +47,7 @@ def strip(robot_path: Path | None, paper: str, output: Path) -> None:
     try:
         output.write_text(sheet, encoding="utf-8")
     except OSError as error:
-        raise UserError(
-            f"cannot write {output}", error.strerror or str(error), "choose another with --output"
-        ) from error
+        raise cannot_write(output, error, "choose another with --output") from error
     click.echo(f"wrote {output}: a strip for one robot, {1000 * worn.diameter_m:g} mm thick")
     click.echo("open it in a browser and print it in colour on matt paper at 100 %, not fitted to")
     click.echo("the page; then measure its ruler: 100 mm (docs/cameras.md)")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from host.calibration.report import diagram
 from host.calibration.result import ReportPicture, Series
-from host.errors import UserError
+from host.errors import cannot_write
 from host.messages import FloatArray
 from host.sources.sensors import LIDAR_AND_CAMERA, LIDAR_ONLY
 
@@ -50,9 +50,7 @@ def write(figure: PaperFigure, folder: Path, draw: bool) -> None:
         if draw and figure.picture is not None:
             diagram.save(figure.picture, stem)
     except OSError as error:
-        raise UserError(
-            f"cannot write {stem}", error.strerror or str(error), "choose another folder"
-        ) from error
+        raise cannot_write(stem, error, "choose another folder") from error
 
 
 def _text(cell: Cell) -> str:

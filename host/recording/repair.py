@@ -8,7 +8,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.writer import CompressionType, Writer
 
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.recording.appended import PROFILE
 from host.recording.checked import REPAIRED, CheckedMcap, is_mcap
 
@@ -52,9 +52,7 @@ def repair(path: Path, output: Path) -> Repaired:
     except OSError as error:
         with contextlib.suppress(OSError):
             output.unlink()  # else it would be in the way of the next try
-        raise UserError(
-            f"cannot write {output}", error.strerror or str(error), "check the disk's free space"
-        ) from error
+        raise cannot_write(output, error, "check the disk's free space") from error
     return Repaired(output, fault, messages, records)
 
 

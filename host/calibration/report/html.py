@@ -8,7 +8,7 @@ from host.calibration import robot_file
 from host.calibration.report import diagram
 from host.calibration.report.text import check_cells, fitted_cells, value_alike
 from host.calibration.result import Calibration, Fitted, ReportPicture
-from host.errors import UserError
+from host.errors import cannot_write
 
 _CSS = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
 _NO_MATPLOTLIB = (
@@ -29,11 +29,8 @@ def write_html(
     try:
         path.write_text(page, encoding="utf-8", errors="replace")
     except OSError as error:
-        raise UserError(
-            f"cannot write the report {path}",
-            error.strerror or str(error),
-            "choose a file in a folder that exists and that you may write to",
-        ) from error
+        next_step = "choose a file in a folder that exists and that you may write to"
+        raise cannot_write(f"the report {path}", error, next_step) from error
 
 
 def as_html(calibration: Calibration, source: str, date: str, config_name: str) -> str:

@@ -15,7 +15,7 @@ from host.calibration.camera.colour import Box
 from host.calibration.camera.colour_verdict import LEARNT, SearchedPicture, judged, searched
 from host.cli.calibrate.fitting import Fitting, result_options
 from host.config import Camera, Cameras, Strip
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.messages import Image
 from host.perception.jpeg_decoder import UnusableError, decode, size_of
 from host.perception.strips.blob import Blob
@@ -185,6 +185,4 @@ def _write_picture(path: Path, picture: Image) -> None:
     try:
         path.write_bytes(bytes(cv2.imencode(".png", picture)[1]))
     except OSError as error:
-        raise UserError(
-            f"cannot write {path}", error.strerror or str(error), "choose another with --output"
-        ) from error
+        raise cannot_write(path, error, "choose another with --output") from error
