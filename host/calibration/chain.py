@@ -6,6 +6,7 @@ covariances stand in `ROBOT.covariance.json` beside `ROBOT.toml`, with the value
 once a value is changed by hand, its covariance no longer counts.
 """
 
+import dataclasses
 import json
 import operator
 from collections.abc import Sequence
@@ -109,17 +110,11 @@ def _entry(part: dict[str, Any]) -> Entry:
 
 def save(robot: Path, chain: Chain) -> None:
     """Keep a chain beside a robot.toml. Raises UserError where that fails."""
-    fits = {
-        kind: {
-            "keys": list(entry.keys),
-            "values": entry.values.tolist(),
-            "covariance": entry.covariance.tolist(),
-        }
-        for kind, entry in chain.entries.items()
-    }
+    fits = {kind: dataclasses.asdict(entry) for kind, entry in chain.entries.items()}
     content = {"schema": _SCHEMA, "version": _VERSION, "fits": fits}
     path = file_of(robot)
     try:
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        text = json.dumps(content, indent=1, default=np.ndarray.tolist)
+        path.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise cannot_write(path, error, "check its folder") from error

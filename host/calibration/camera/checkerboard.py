@@ -8,11 +8,10 @@ IV). Rays stand where other calibrations have points of a picture plane, so corn
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -21,7 +20,7 @@ from host.calibration.robust.statistics import plane_sigma
 from host.config import Camera
 from host.config.errors import explain_settings
 from host.errors import UserError
-from host.messages import BoolArray, FloatArray
+from host.messages import BoolArray, FloatArray, Image
 from host.perception.lens import Lens, equidistant_limit, equidistant_radius
 
 _LEAST_VIEWS, _LEAST_CORNERS = 3, 8
@@ -30,8 +29,6 @@ _SOFT_PX = 0.5  # the first fit trusts corners less from this error on
 _OUTLIER_SIGMAS, _OUTLIER_PX = 6.0, 2.0  # a corner beyond both was not where it was taken to be
 _MOST_STEPS = 100
 _WRONG_PX = 5.0  # no lens of this model explains the corners
-
-_T = TypeVar("_T", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,30 +44,29 @@ class LensFit:
     """A fitted equidistant lens.
 
     camera: the given one with the fitted focal length, centre, k1 and k2. poses (v, 6): of the
-    board in each view, as rotation vector (rad) and translation (m), board → camera frame. errors:
-    for each view (n, 2) px, drawn minus seen. used: for each view (n,), False for corners left out.
-    angles: for each view (n,) rad, how far off the axis the corners were.
+    board in each view, as rotation vector (rad) and translation (m), board → camera frame. Of the
+    corners of all views: errors (n, 2) px, drawn minus seen; used (n,), False for those left out;
+    angles (n,) rad, how far off the axis they were.
     """
 
     camera: Camera
     poses: FloatArray
-    errors: tuple[FloatArray, ...]
-    used: tuple[BoolArray, ...]
-    angles: tuple[FloatArray, ...]
+    errors: FloatArray
+    used: BoolArray
+    angles: FloatArray
 
     @property
     def rms_px(self) -> float:
         """Root of the mean squared distance between drawn and seen corners, of those used."""
-        errors = np.concatenate(self.errors)[np.concatenate(self.used)]
-        return math.sqrt(float(np.mean(np.sum(errors**2, axis=1))))
+        return math.sqrt(float(np.mean(np.sum(self.errors[self.used] ** 2, axis=1))))
 
     @property
     def reach_rad(self) -> float:
         """The farthest used corner's angle off the axis: beyond it the lens is extrapolated."""
-        return float(np.max(np.concatenate(self.angles)[np.concatenate(self.used)]))
+        return float(np.max(self.angles[self.used]))
 
 
-def find_corners(grey: NDArray[np.uint8], columns: int, rows: int) -> FloatArray | None:
+def find_corners(grey: Image, columns: int, rows: int) -> FloatArray | None:
     """Inner corners (columns * rows, 2) px of a checkerboard, row by row; None if not all are seen.
 
     grey (height, width). Which corner comes first is arbitrary, and does not matter to a fit.
@@ -105,9 +101,9 @@ def fit_lens(views: Sequence[BoardView], camera: Camera) -> LensFit:
     fit = LensFit(
         _camera_of(fitted, camera),
         fitted[5:].reshape(-1, 6),
-        corners.by_view(corners.errors(fitted)),
-        corners.by_view(used),
-        corners.by_view(corners.draw(fitted)[1]),
+        corners.errors(fitted),
+        used,
+        corners.draw(fitted)[1],
     )
     if fit.rms_px > _WRONG_PX:
         raise _not_a_lens(f"the best lens misses the corners by {fit.rms_px:.1f} px")
@@ -146,11 +142,6 @@ class _Corners:
         self.board = np.concatenate([view.board for view in views])
         self.seen = np.concatenate([view.pixels for view in views])
         self._owner = np.repeat(np.arange(len(views)), counts)
-        self._bounds = np.cumsum(counts)[:-1]
-
-    def by_view(self, rows: NDArray[_T]) -> tuple[NDArray[_T], ...]:
-        """One array for each view, of an array with a row for each corner."""
-        return tuple(np.split(rows, self._bounds))
 
     def draw(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels (n, 2) of the corners and their angles off the axis (n,)."""

@@ -53,14 +53,15 @@ def calibrate(gathered: Gathered) -> Calibration:
     """
     config = gathered.config.camera
     reference = reference_of(gathered)
-    found = _aligned(gathered, reference)
+    aligned = {name: aligned_with(*seen_by(gathered, name), reference) for name in CAMERAS}
+    found = {name: each for name, each in aligned.items() if each is not None}
     if not found:
         raise UserError(
             "the cameras cannot be aligned",
             f"none of them gave {LEAST_PAIRS} positions of strips that agree with a teammate's",
             "bring a teammate nearer, and check the strip's colour and height in [camera.strip]",
         )
-    delay = float(np.median([aligned.delay_s for aligned in found.values()]))
+    delay = float(np.median([each.delay_s for each in found.values()]))
     late = Quantity("camera.delay_s", "delay of the cameras", "ms", _START).row(
         max(config.delay_s + delay, 0.0), math.nan, config.delay_s
     )
@@ -104,12 +105,6 @@ def aligned_with(times: FloatArray, positions: FloatArray, reference: Reference)
         return None
     _, delay, motion = min(tried, key=lambda each: each[0])
     return Aligned(motion, delay)
-
-
-def _aligned(gathered: Gathered, reference: Reference) -> dict[str, Aligned]:
-    """Of each camera that gave enough."""
-    found = {name: aligned_with(*seen_by(gathered, name), reference) for name in CAMERAS}
-    return {name: aligned for name, aligned in found.items() if aligned is not None}
 
 
 def _align(positions: FloatArray, teammates: FloatArray) -> Alignment | None:

@@ -28,11 +28,11 @@ def at_edges(grey: Image, corners: FloatArray) -> FloatArray:
         points = quad[:, None] + _ALONG[:, None] * along[:, None]
         reach = float(np.clip(_REACH * length.mean(), *_REACH_PX))
         points += _offsets(grey, points, normal, reach)[..., None] * normal[:, None]
-        lines = [_line(side) for side in points]
+        lines = _lines(points)
         # A corner is where its own side meets the one before.
-        met = [_meeting(lines[k - 1], lines[k]) for k in range(4)]
-        if np.isfinite(met).all() and np.abs(np.array(met) - quad).max() < reach:
-            found[place] = met
+        met = np.cross(np.roll(lines, 1, axis=0), lines)
+        if met[:, 2].all() and np.abs(met[:, :2] / met[:, 2:] - quad).max() < reach:
+            found[place] = met[:, :2] / met[:, 2:]
     return found
 
 
@@ -48,19 +48,9 @@ def _offsets(grey: Image, points: FloatArray, normal: FloatArray, reach: float) 
     return np.asarray(middle.reshape(points.shape[:2]))
 
 
-def _line(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A point of the line through points (m, 2), and its direction (2,)."""
-    middle = points.mean(axis=0)
-    return middle, np.linalg.svd(points - middle)[2][0]
-
-
-def _meeting(
-    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
-) -> FloatArray:
-    """Where two lines meet (2,)."""
-    (start, along), (through, direction) = one, other
-    try:
-        share = np.linalg.solve(np.column_stack((along, -direction)), through - start)
-    except np.linalg.LinAlgError:  # they are parallel
-        return np.full(2, np.nan)
-    return np.asarray(start + share[0] * along)
+def _lines(points: FloatArray) -> FloatArray:
+    """Lines (4, 3) through points (4, m, 2), as homogeneous vectors: their cross product is where
+    two of them meet, with a third component of 0 where they are parallel."""
+    middle = points.mean(axis=1)
+    normal = np.linalg.svd(points - middle[:, None])[2][:, 1]
+    return np.column_stack((normal, -np.sum(normal * middle, axis=1)))

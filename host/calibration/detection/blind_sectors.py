@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, percentile_filter
+from scipy.ndimage import find_objects, grey_closing, label, maximum_filter1d, percentile_filter
 
 from host.calibration.robust.statistics import jackknife_sigma
 from host.config import Lidar
@@ -90,22 +90,18 @@ def _sectors(counts: FloatArray, lidar: Lidar) -> list[FoundSector]:
     looked = np.abs(bearing) <= 0.5 * lidar.field_of_view_rad
     empty = (counts <= _NOTHING * usual) & (usual >= _LEAST_USUAL) & looked
     # One odd bin does not cut a sector in two.
-    closed = minimum_filter1d(
-        maximum_filter1d(empty.view(np.uint8), 3, mode="wrap"), 3, mode="wrap"
-    )
+    closed = grey_closing(empty.view(np.uint8), 3, mode="wrap")
     clear = maximum_filter1d(closed, _BESIDE, mode="wrap") == 0
     if not clear.any():
         return []
     start = int(np.argmax(clear))  # outside of every sector, so that none is cut in two
-    counts, closed = np.roll(counts, -start), np.roll(closed, -start).astype(np.int64)
-    firsts = np.flatnonzero(np.diff(closed, prepend=0) == 1)
-    lasts = np.flatnonzero(np.diff(closed, append=0) == -1)
+    counts, closed = np.roll(counts, -start), np.roll(closed, -start)
     found = []
-    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
-        before = _beyond(counts[:first][::-1])
-        after = _beyond(counts[last + 1 :])
-        width = _BIN_RAD * (last + 1 - first + before + after)
-        middle = 0.5 * (first - before + last + 1 + after)
+    for (sector,) in find_objects(label(closed)[0]):
+        before = _beyond(counts[: sector.start][::-1])
+        after = _beyond(counts[sector.stop :])
+        width = _BIN_RAD * (sector.stop - sector.start + before + after)
+        middle = 0.5 * (sector.start - before + sector.stop + after)
         if _NARROWEST_RAD <= width < _WIDEST_RAD:
             found.append(FoundSector(float(wrap(-math.pi + (start + middle) * _BIN_RAD)), width))
     return sorted(found, key=lambda sector: sector.centre)

@@ -75,7 +75,7 @@ def lens_of(name: str, folder: Path, board: tuple[int, int, float], camera: Came
     Raises UserError where they do not determine it.
     """
     found = fit_lens(_views(folder, board, camera), camera)
-    pictures = len(found.errors)
+    pictures = len(found.poses)
     click.echo(f"{name}: lens fitted to {pictures} pictures, rms {found.rms_px:.2f} px")
     return found
 

@@ -196,7 +196,7 @@ def test_the_lens_of_a_checkerboard_is_kept() -> None:
     camera = Camera(focal_px=615.0, centre_x_px=967.0, centre_y_px=530.0, k1=-0.02, k2=-0.003)
     none = np.zeros(0)
     corner = np.array([math.radians(110.0)])
-    known = {"front": LensFit(camera, none, (none,), (corner > 0.0,), (corner,))}
+    known = {"front": LensFit(camera, none, none, corner > 0.0, corner)}
     calibration = calibrate(gather(Drive(), pairs=300), known)
     rows = {row.key: row for row in calibration.fitted}
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):

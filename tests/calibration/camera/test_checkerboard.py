@@ -81,21 +81,21 @@ def test_a_lens_is_found_from_exact_corners_whatever_was_configured(focal_px: fl
     assert (fit.camera.lens, fit.camera.source) == ("equidistant", "front")
     for name in ("focal_px", "centre_x_px", "centre_y_px", "k1", "k2"):
         assert getattr(fit.camera, name) == pytest.approx(getattr(camera, name), rel=1e-6, abs=1e-6)
-    assert all(used.all() for used in fit.used)
+    assert fit.used.all()
 
 
 def test_errors_are_drawn_minus_seen_of_the_fitted_lens_and_poses() -> None:
     views = views_of(TRUE, 0.3)
     fit = fit_lens(views, Camera())
-    for view, pose, errors, angles in zip(views, fit.poses, fit.errors, fit.angles, strict=True):
+    by_view = fit.errors.reshape(len(views), -1, 2), fit.angles.reshape(len(views), -1)
+    for view, pose, errors, angles in zip(views, fit.poses, *by_view, strict=True):
         size = np.linalg.norm(pose[:3])
         flat = np.column_stack((view.board, np.zeros(len(view.board))))
         points = turned(flat, pose[:3] / size, float(size)) + pose[3:]
         np.testing.assert_allclose(seen(fit.camera, points) - view.pixels, errors, atol=1e-7)
         cosine = points[:, 2] / np.linalg.norm(points, axis=1)
         np.testing.assert_allclose(np.cos(angles), cosine, atol=1e-9)
-    squares = np.concatenate([np.sum(errors**2, axis=1) for errors in fit.errors])
-    assert fit.rms_px == pytest.approx(np.sqrt(np.mean(squares)))
+    assert fit.rms_px == pytest.approx(np.sqrt(np.mean(np.sum(fit.errors**2, axis=1))))
     assert 0.3 < fit.rms_px < 0.3 * np.sqrt(2.0)  # a little of the noise is fitted away
 
 
@@ -110,8 +110,8 @@ def test_misdetected_corners_are_left_out_and_no_others() -> None:
     for number, (view, corner) in enumerate(wrong):
         views[view].pixels[corner] += ((15.0, -6.0), (-4.0, 40.0))[number % 2]
     fit = fit_lens(views, Camera())
-    left_out = [(v, int(c)) for v, used in enumerate(fit.used) for c in np.flatnonzero(~used)]
-    assert left_out == wrong
+    left_out = np.argwhere(~fit.used.reshape(len(views), -1))
+    assert [(int(v), int(c)) for v, c in left_out] == wrong
     assert ray_error_deg(fit.camera, TRUE, 90.0) < 0.1
 
 
@@ -198,13 +198,12 @@ def real_fit(real_views: list[BoardView]) -> LensFit:
 def test_a_real_lens_is_fitted_to_half_a_pixel_out_to_84_deg(real_fit: LensFit) -> None:
     assert real_fit.rms_px <= 0.5
     assert np.degrees(real_fit.reach_rad) == pytest.approx(84.0, abs=0.5)
-    used = np.concatenate(real_fit.used)
+    used, errors = real_fit.used, real_fit.errors
     assert len(used) == 14 * 48
     assert np.count_nonzero(~used) <= 1
-    errors = np.concatenate(real_fit.errors)
     # With the one that was left out the figure stays below the bound too.
     assert np.sqrt(np.mean(np.sum(errors**2, axis=1))) <= 0.5
-    outermost = np.degrees(np.concatenate(real_fit.angles)) > 75.0
+    outermost = np.degrees(real_fit.angles) > 75.0
     assert np.count_nonzero(outermost) >= 25
     assert np.sqrt(np.mean(np.sum(errors[outermost & used] ** 2, axis=1))) <= 0.7
     assert Lens(real_fit.camera).limit_rad > np.radians(100.0)
@@ -220,7 +219,7 @@ def test_opencv_calibrates_the_same_lens_from_the_views_it_can_use(
 ) -> None:
     nearer = [
         view
-        for view, angles in zip(real_views, real_fit.angles, strict=True)
+        for view, angles in zip(real_views, real_fit.angles.reshape(-1, 48), strict=True)
         if np.degrees(angles.max()) < 78.0
     ]
     assert len(nearer) == 8
