@@ -12,20 +12,31 @@ from host.recording.elsewhere.bag_poses import is_bag, read_bag_bodies
 from host.recording.elsewhere.motive_csv import read_take
 from host.recording.elsewhere.motive_table import is_motive
 from host.recording.elsewhere.named_columns import BodyPath, Units, read_paths
+from host.recording.elsewhere.qualisys_tsv import is_qualisys, read_qualisys
+from host.recording.elsewhere.vicon_csv import is_vicon, read_vicon
 
 _LEVEL_M = 0.1  # by more, what drives on a floor does not rise
 
 
+_POSED = (
+    (is_bag, read_bag_bodies),
+    (is_vicon, read_vicon),
+    (is_qualisys, read_qualisys),
+)
+
+
 def read_truth(path: Path, units: Units) -> list[BodyPath]:
-    """The bodies in a ROS bag or a Motive export, which state their units, or in a CSV.
+    """The bodies in a ROS bag or an export of Motive, Vicon or QTM, which state their units, or in
+    a CSV with named columns.
 
     Raises UserError naming what of the file cannot be read.
     """
-    if is_bag(path):
-        return [
-            _body_path(body.name, body.times, body.positions, body.quaternions, "z")
-            for body in read_bag_bodies(path)
-        ]
+    for is_one, read in _POSED:
+        if is_one(path):
+            return [
+                _body_path(body.name, body.times, body.positions, body.quaternions, "z")
+                for body in read(path)
+            ]
     if not is_motive(path):
         return read_paths(path, units)
     take = read_take(path)

@@ -5,14 +5,13 @@ child frame in the transforms of a topic of TFMessage. Needs the extra `ros` (ro
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from host.messages import FloatArray
 from host.recording.elsewhere.bags import opened, read_messages, stamp_s
+from host.recording.elsewhere.posed_body import PosedBody, posed_body
 
 _TRANSFORM, _TRANSFORMS = "geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage"
 _KINDS = (
@@ -25,23 +24,12 @@ _KINDS = (
 _ENDINGS = (".bag", ".mcap", ".db3")
 
 
-@dataclass(frozen=True, slots=True)
-class BagBody:
-    """One body: times (n,) s by its headers, ascending; positions (n, 3) m and quaternions (n, 4)
-    x, y, z, w, finite, in the tracker's frame."""
-
-    name: str
-    times: FloatArray
-    positions: FloatArray
-    quaternions: FloatArray
-
-
 def is_bag(path: Path) -> bool:
     """Whether a path is one of a bag, by its ending; those of ROS 2 are folders, too."""
     return path.is_dir() or path.suffix in _ENDINGS
 
 
-def read_bag_bodies(path: Path) -> list[BagBody]:
+def read_bag_bodies(path: Path) -> list[PosedBody]:
     """All bodies in a bag; rows that are no pose are left out. Raises UserError for no bag."""
     rows: dict[str, list[list[float]]] = {}
     with opened(path) as reader:
@@ -50,7 +38,8 @@ def read_bag_bodies(path: Path) -> list[BagBody]:
             for name, stamped, pose in _poses(message, connection):
                 time = stamp_s(stamped, received)
                 rows.setdefault(name, []).append([time, *pose])
-    return [_body(name, np.array(table)) for name, table in rows.items()]
+    tables = [(name, np.array(table)) for name, table in rows.items()]
+    return [posed_body(name, rows[:, 0], rows[:, 1:4], rows[:, 4:]) for name, rows in tables]
 
 
 def _poses(message: Any, connection: Any) -> Iterator[tuple[str, Any, list[float]]]:
@@ -67,12 +56,3 @@ def _poses(message: Any, connection: Any) -> Iterator[tuple[str, Any, list[float
         pose = pose.pose
     place, turn = pose.position, pose.orientation
     yield connection.topic, message, [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-
-
-def _body(name: str, table: FloatArray) -> BagBody:
-    with np.errstate(over="ignore"):
-        norms = np.linalg.norm(table[:, 4:], axis=1)
-    table = table[np.isfinite(table).all(axis=1) & (np.abs(norms - 1.0) < 0.1)]
-    times, first = np.unique(table[:, 0], return_index=True)
-    table = table[first]
-    return BagBody(name, times, table[:, 1:4], table[:, 4:])

@@ -1,6 +1,6 @@
 """Paths of bodies in a CSV with named columns: time, x, y, heading; body where there are several.
 
-For Vicon, Qualisys and home-made trackers. Other columns, comments and what stands above the names
+For home-made trackers, and those without a reader of their own. Other columns, comments and what stands above the names
 are ignored. A name may have its unit beside it, as x [mm] or x_mm; the other units are said by
 whoever reads the file. A row with a blank number, with nan or with nothing but zeros is one at
 which the body was lost.
@@ -15,7 +15,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray
-from host.recording.elsewhere.text_table import is_comment, number_of, read_rows
+from host.recording.elsewhere.text_table import is_comment, number_of, read_rows, wrong_line
 
 NUMBERS = ("time", "x", "y", "heading")
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -72,13 +72,13 @@ def read_paths(path: Path, units: Units) -> list[BodyPath]:
     for number, row in lines:
         if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
             commas = ": do decimals stand after commas?" if len(row) > len(names) else ""
-            raise _wrong(path, number, f"it has {len(row)} of {len(names)} cells{commas}")
+            raise wrong_line(path, number, f"it has {len(row)} of {len(names)} cells{commas}")
         values = [
             _number(row[k], path, number, name) for k, name in zip(columns, NUMBERS, strict=True)
         ]
         track = found.setdefault("" if body is None else row[body].strip(), [])
         if math.isnan(values[0]) or (track and values[0] <= track[-1][0]):
-            raise _wrong(
+            raise wrong_line(
                 path,
                 number,
                 f"its time ({row[columns[0]]}) does not come after the last",
@@ -86,7 +86,7 @@ def read_paths(path: Path, units: Units) -> list[BodyPath]:
             )
         track.append(values)
     if not found:
-        raise _wrong(path, len(rows), "no line with numbers follows the column names")
+        raise wrong_line(path, len(rows), "no line with numbers follows the column names")
     return [_path(name, np.array(track) * scale) for name, track in found.items()]
 
 
@@ -149,17 +149,9 @@ def _number(cell: str, path: Path, line: int, name: str) -> float:
     try:
         return math.nan if cell.strip().lower() in _LOST else number_of(cell)
     except ValueError:
-        raise _wrong(
+        raise wrong_line(
             path,
             line,
             f"{name} is no number: {cell.strip()[:_SHOWN]!r}",
             "correct it, or leave it blank where the body was lost",
         ) from None
-
-
-def _wrong(path: Path, line: int, why: str, step: str = "") -> UserError:
-    return UserError(
-        f"{path}, line {line} cannot be read",
-        why,
-        step or "correct the line, or export the file again",
-    )

@@ -18,16 +18,16 @@ _DELIMITERS = ",;\t"
 def read_rows(path: Path, next_step: str) -> tuple[list[list[str]], bool]:
     """The cells of each line, and whether the last line is ended.
 
-    The delimiter is the first of comma, semicolon and tab in the first line that is
-    neither blank nor a comment.
+    The delimiter is the first of comma, semicolon and tab in the first line that has one and is no
+    comment.
     next_step: of the UserError where the file cannot be read as a table.
     """
     try:
         data = path.read_bytes()
         text = data.decode(_encoding(data))
         lines = (line for line in text.splitlines() if line.strip(_DELIMITERS + " "))
-        first = next((line for line in lines if not line.lstrip().startswith("#")), "")
-        delimiter = next((letter for letter in first if letter in _DELIMITERS), ",")
+        cells = "".join(line for line in lines if not line.lstrip().startswith("#"))
+        delimiter = next((letter for letter in cells if letter in _DELIMITERS), ",")
         rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not a text file"
@@ -52,3 +52,12 @@ def number_of(cell: str) -> float:
     """The number in a cell; nan where it is blank. Raises ValueError for anything else."""
     cell = cell.strip()
     return float(cell.replace(",", ".")) if cell else math.nan
+
+
+def wrong_line(path: Path, line: int, why: str, next_step: str = "") -> UserError:
+    """The error of a line that cannot be read."""
+    return UserError(
+        f"{path}, line {line} cannot be read",
+        why,
+        next_step or "correct the line, or export the file again",
+    )

@@ -165,3 +165,98 @@ def test_a_body_that_is_not_there_is_answered_with_those_that_are(file):
     robots = [BodyPath(name, path.times, path.poses) for path in paths for name in ("A", "robot_2")]
     with pytest.raises(UserError, match=r"f\.csv:robot_2"):
         body_of(robots, "robot 2", "f.csv")
+
+
+VICON = (
+    "{kind}\n100\n,,Global Angle Robot1:Robot1,,,,,,Global Angle Box:Box,,,,,\n"
+    "Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ,RX,RY,RZ,TX,TY,TZ\n"
+    ",,{angle},{angle},{angle},mm,mm,mm,{angle},{angle},{angle},mm,mm,mm\n"
+    "1,0,0.01,0.02,0.5,1000,2000,90,0,0,0,1,2,3\n"
+    "2,0,0.01,0.02,0.6,1010,2000,90,,,,,,\n"
+    "3,0,0,0,0,0,0,0,0,0,0,1,2,3\n"
+    "4,0,0.01,0.02,-3.1,1020,2001,90,0,0,0,1,2,3\n"
+    "\nTrajectories\n100\n,,M1,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3\n"
+)
+
+
+@pytest.mark.parametrize("kind", ["Objects", "Segments"])
+@pytest.mark.parametrize(("angle", "unit"), [("rad", 1.0), ("deg", math.pi / 180.0)])
+@pytest.mark.parametrize("cells", [",", ";", "\t"])
+def test_an_export_of_vicon(file, kind, angle, unit, cells):
+    text = VICON.format(kind=kind, angle=angle).replace(",", cells)
+    robot, box = read_truth(file(text, "utf-8-sig"), Units())
+    assert (robot.name, box.name) == ("Robot1", "Box")
+    assert robot.times == pytest.approx([0.01, 0.02, 0.04])
+    assert robot.poses[:, :2] == pytest.approx(np.array([[1.0, 2.0], [1.01, 2.0], [1.02, 2.001]]))
+    assert robot.poses[:, 2] == pytest.approx(np.array([0.5, 0.6, -3.1]) * unit)
+    assert len(box.times) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("\n100\n", "\n\n"), "line 2 .*(.|\n)*frame rate is missing"),
+        (("Objects", "Trajectories"), "no poses of bodies(.|\n)*objects of Tracker"),
+        (("1010,2000", "1010,?"), "line 7 (.|\n)*no numbers"),
+        (("0.01,0.02", "1.57,0.02"), "does not stand upright(.|\n)*90 deg"),
+        ((",RZ,TX", ",R,TX"), "has no rotation"),
+    ],
+)
+def test_what_is_wrong_with_an_export_of_vicon_is_named(file, change, words):
+    with pytest.raises(UserError, match=words):
+        read_truth(file(VICON.format(kind="Objects", angle="rad").replace(*change)), Units())
+
+
+def qualisys(title="{name} X", matrix=True, time=True):
+    """Two bodies by QTM, the first by headings of 0.5, lost, -2.5 rad; tilted by 5 deg."""
+    lines = ["NO_OF_FRAMES\t3", "NO_OF_BODIES\t2", "FREQUENCY\t100", "DESCRIPTION\t--"]
+    lines += [
+        "TIME_STAMP\t2026-01-22, 17:47:17\t22107.9",
+        "DATA_INCLUDED\t6D",
+        "BODY_NAMES\tr1\tr2",
+    ]
+    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9))]
+    rest = rest if matrix else rest[:6]
+    columns = ["Frame", *["Time"] * time]
+    for name in ("r1", "r2"):
+        columns += [*title.format(name=name).split("|"), *rest]
+    lines.append("\t".join(columns))
+    for k, heading in enumerate((0.5, math.nan, -2.5)):
+        tilt = math.radians(5.0)
+        about_x, about_z = (
+            np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
+            for a in (tilt, heading)
+        )
+        about_z = about_z[[1, 2, 0]][:, [1, 2, 0]]
+        angles = [math.degrees(tilt), 0.0, math.degrees(heading)]
+        cells = [1000.0 + k, -500.0, 80.0, *angles, 0.4]
+        cells += (about_x @ about_z).T.ravel().tolist() if matrix else []
+        cells = ["0.000" if math.isnan(heading) else f"{cell:.5f}" for cell in cells]
+        lines.append("\t".join([str(k + 1), *[f"{0.01 * k:.5f}"] * time, *cells, *cells]))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("title", ["{name} X", "X", "{name}|X"])
+@pytest.mark.parametrize("matrix", [True, False])
+@pytest.mark.parametrize("time", [True, False])
+def test_an_export_of_qualisys(file, title, matrix, time):
+    bodies = read_truth(file(qualisys(title, matrix, time)), Units())
+    assert [body.name for body in bodies] == ["r1", "r2"]
+    for body in bodies:
+        assert body.times == pytest.approx([0.0, 0.02])
+        assert body.poses[:, :2] == pytest.approx(np.array([[1.0, -0.5], [1.002, -0.5]]))
+        assert body.poses[:, 2] == pytest.approx([0.5, -2.5], abs=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("BODY_NAMES", "MARKER_NAMES"), "no poses of bodies(.|\n)*6DOF data"),
+        (("r2\n", "r2\tr3\n"), "X, Y, Z of 2 of 3 bodies"),
+        (("1002.00000", "?"), "line 11 (.|\n)*no number"),
+        (("Yaw", "Y_"), "has no rotation"),
+    ],
+)
+def test_what_is_wrong_with_an_export_of_qualisys_is_named(file, change, words):
+    with pytest.raises(UserError, match=words):
+        read_truth(file(qualisys(matrix=False).replace(*change)), Units())
