@@ -24,6 +24,7 @@ from host.messages import Displacement, Estimate, FloatArray, Message, Scan
 DRIVER = "driver"
 
 _SPEED_S = 0.1  # over which the robot's own speed is taken
+_FROZEN_RETURNS = 20  # fewer may be the same by chance
 _COAST_S = 0.3  # after the last report of the wheels
 
 # Sends a speed (m/s) and a turn rate (rad/s) to the board.
@@ -57,6 +58,7 @@ class Driving:
         self._lock = threading.Lock()
         self._path = Path()
         self._obstacles = Obstacles(config.lidar)
+        self._last_ranges: FloatArray = np.zeros(0)
         self._steps: deque[Displacement] = deque()
         self._speeds = 0.0, 0.0
         self._estimate: Estimate | None = None
@@ -70,7 +72,14 @@ class Driving:
                 self._measure_speeds(message)
         elif isinstance(message, Scan):
             with self._lock:
-                self._obstacles.add(message, self._path)
+                if not self._is_frozen(message):
+                    self._obstacles.add(message, self._path)
+
+    def _is_frozen(self, scan: Scan) -> bool:
+        """Is a revolution the last one again? The noise of a measurement makes each different."""
+        same = np.array_equal(scan.ranges, self._last_ranges)
+        self._last_ranges = scan.ranges
+        return same and int(np.count_nonzero(scan.ranges)) >= _FROZEN_RETURNS
 
     def know(self, estimate: Estimate) -> None:
         """Receive the present estimate, in the localizer's thread."""
