@@ -1,9 +1,9 @@
 """Paths of bodies in a CSV with named columns: time, x, y, heading; body where there are several.
 
-For home-made trackers, and those without a reader of their own. Other columns, comments and what stands above the names
-are ignored. A name may have its unit beside it, as x [mm] or x_mm; the other units are said by
-whoever reads the file. A row with a blank number, with nan or with nothing but zeros is one at
-which the body was lost.
+For home-made trackers, and those without a reader of their own. Other columns, comments and what
+stands above the names are ignored. A name may have its unit beside it, as x [mm] or x_mm; the other
+units are said by whoever reads the file. A row with a blank number, with nan or with nothing but
+zeros is one at which the body was lost.
 """
 
 import math
