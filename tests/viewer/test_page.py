@@ -181,7 +181,7 @@ def test_pictures_are_drawn_with_their_blobs_while_they_are_wanted(served, brows
     assert colours[1:] == pytest.approx([90, 90], abs=4)
     browser.driver.find_element("id", "pictures").click()
     browser.wait_for("!document.querySelector('#cameras canvas')")
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 30.0
     while running.viewer.asked("front"):
         assert time.monotonic() < end
         time.sleep(0.05)
