@@ -8,6 +8,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import click
 import pytest
 
 from host.cli.main import main
@@ -102,7 +103,7 @@ def test_the_settings_named_exist() -> None:
 
 def test_commands_options_and_files_exist() -> None:
     for command, options in re.findall(r"`swarmloc (\w+)([^`]*)`", PAGE):
-        parameters = main.commands[command].params
+        parameters = main.get_command(click.Context(main), command).params
         known = {option for parameter in parameters for option in parameter.opts}
         assert set(re.findall(r"--\w+", options)) <= known, command
     files = re.findall(r"(?:tools|robots|firmware)/[\w./]+\w", PAGE)

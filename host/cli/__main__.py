@@ -1,10 +1,10 @@
-"""The program `swarmloc`: loads the commands, which takes a second, and runs the one asked for."""
+"""The program `swarmloc`: loads the commands' group, and runs the one asked for."""
 
 import signal
 
 
 def main() -> None:
-    """Run; until the commands are loaded Ctrl-C ends it without a traceback."""
+    """Run; until the group is loaded Ctrl-C ends it without a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     from host.cli.main import main as command
 

@@ -1,29 +1,33 @@
 """`swarmloc`: the commands, and how their failures reach the user."""
 
 import errno
+import importlib
 import os
 import sys
 from typing import Any
 
 import click
 
-from host.cli.calibrate.calibrate import calibrate
-from host.cli.doctor import doctor
-from host.cli.drive import drive
-from host.cli.evaluate import evaluate
-from host.cli.export import export_command
-from host.cli.flash import flash_command
-from host.cli.init import init
-from host.cli.map import map_command
-from host.cli.print_sheets import print_group
-from host.cli.record import record
-from host.cli.replay import replay
-from host.cli.run import run
-from host.cli.simulate import simulate
-from host.cli.sweep import sweep_command
-from host.cli.terminal.signals import signals_interrupt
+from host.cli.terminal.signals import signals_end, signals_interrupt
 from host.errors import UserError
 from host.registry import load_plugin
+
+_COMMANDS = {
+    "init": "host.cli.init:init",
+    "doctor": "host.cli.doctor:doctor",
+    "run": "host.cli.run:run",
+    "drive": "host.cli.drive:drive",
+    "simulate": "host.cli.simulate:simulate",
+    "record": "host.cli.record:record",
+    "replay": "host.cli.replay:replay",
+    "export": "host.cli.export:export_command",
+    "map": "host.cli.map:map_command",
+    "evaluate": "host.cli.evaluate:evaluate",
+    "sweep": "host.cli.sweep:sweep_command",
+    "flash": "host.cli.flash:flash_command",
+    "calibrate": "host.cli.calibrate.calibrate:calibrate",
+    "print": "host.cli.print_sheets:print_group",
+}
 
 
 class Failure(click.ClickException):
@@ -69,7 +73,24 @@ class Commands(click.Group):
             ) from error
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+class Program(Commands):
+    """Imports a command when it is used: all together take half a second."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Their names."""
+        return sorted(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name."""
+        if cmd_name not in _COMMANDS:
+            return None
+        module, _, name = _COMMANDS[cmd_name].partition(":")
+        with signals_end():
+            command: click.Command = getattr(importlib.import_module(module), name)
+        return command
+
+
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="swarmloc", prog_name="swarmloc")
 @click.option(
     "--plugin",
@@ -92,22 +113,3 @@ def main(plugins: tuple[str, ...], debug: bool) -> None:
     """
     for plugin in plugins:
         load_plugin(plugin)
-
-
-for command in (
-    init,
-    doctor,
-    run,
-    drive,
-    simulate,
-    record,
-    replay,
-    export_command,
-    map_command,
-    evaluate,
-    sweep_command,
-    flash_command,
-    calibrate,
-    print_group,
-):
-    main.add_command(command)

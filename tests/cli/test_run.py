@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from host.cli.main import main
-from host.cli.terminal.signals import signals_caught, signals_interrupt
+from host.cli.terminal.signals import signals_caught, signals_end, signals_interrupt
 from host.messages import (
     Bearings,
     DeviceBytes,
@@ -155,6 +155,16 @@ def test_before_and_after_a_run_each_signal_is_as_ctrl_c(handlers):
         assert handlers() == 3 * [signal.SIG_DFL]
         for each, handler in zip(numbers, before, strict=True):
             signal.signal(each, handler)
+
+
+def test_while_a_command_is_loaded_each_signal_ends_it(handlers):
+    before = handlers()
+    with signals_interrupt():
+        interrupting = handlers()
+        with signals_end():
+            assert handlers() == 3 * [signal.SIG_DFL]
+        assert handlers() == interrupting
+    assert handlers() == before
 
 
 # Loading, building the simulated board, opening devices, the first pictures, in full swing.

@@ -38,8 +38,15 @@ def signals_interrupt() -> Iterator[None]:
         yield
 
 
+def signals_end() -> contextlib.AbstractContextManager[None]:
+    """Each of them ends the program at once and without a word, as while it is being loaded."""
+    return _handled_by(signal.SIG_DFL)
+
+
 @contextlib.contextmanager
-def _handled_by(handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _handled_by(
+    handle: Callable[[int, FrameType | None], None] | signal.Handlers,
+) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # signals reach the main thread alone
         return
@@ -48,5 +55,6 @@ def _handled_by(handle: Callable[[int, FrameType | None], None]) -> Iterator[Non
         yield
     finally:
         for number, handler in before.items():
-            if signal.getsignal(number) is not signal.SIG_DFL:  # none came
+            none_came = signal.getsignal(number) is not signal.SIG_DFL
+            if none_came or handle is signal.SIG_DFL:
                 signal.signal(number, handler)
