@@ -1,4 +1,4 @@
-"""Motive's CSV exports, formats 1.21 to 1.25: takes of rigid bodies and markers.
+"""Motive's CSV exports, formats 1.2 to 1.25: takes of rigid bodies and markers.
 
 The columns of a body or a marker are those with the same type, name and ID above them; how the
 rows of the file are found stands in `motive_table`.

@@ -1,9 +1,9 @@
-"""The rows of Motive's CSV exports, formats 1.21 to 1.25: what each column holds, and the numbers.
+"""The rows of Motive's CSV exports, formats 1.2 to 1.25: what each column holds, and the numbers.
 
 The first line holds names and values alternately. Then come rows that say of each column what it is
 (type, name, ID, from 1.25 also the parent, kind of quantity, and the axis in the row that begins
 with "Frame"), and one row a frame. Cells are blank where something was not seen. Rows are found by
-their labels; 1.21 labels none, but keeps their order.
+their labels; 1.21 and before label none, but keeps their order.
 """
 
 import itertools
@@ -16,7 +16,7 @@ from host.errors import UserError
 from host.messages import FloatArray, IntArray
 from host.recording.elsewhere.text_table import is_comment, number_of, read_rows
 
-FORMATS = ("1.21", "1.22", "1.23", "1.24", "1.25")
+FORMATS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
 UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
 _ORDERS = {"".join(order) for order in itertools.permutations("XYZ")}
 _KNOWN = {
@@ -68,6 +68,7 @@ def read_table(path: Path) -> Table:
     begin = _begin(rows)
     header = _header(rows[begin] if rows else [], path)
     first = _frame_row(rows, path)
+    rows = _without_blank_columns(rows, begin + 1, first)
     columns, start = _columns(rows[begin + 1 : first + 1], path)
     numbers = _numbers(rows, first, start, path)
     _check_whole(header, numbers, path)
@@ -75,6 +76,16 @@ def read_table(path: Path) -> Table:
         raise _cut(path, len(rows), "the line is not ended")
     frames, times = numbers[:, 0].astype(np.int64), numbers[:, 1].copy()
     return Table(header, columns, frames, times, numbers[:, start:])
+
+
+def _without_blank_columns(rows: list[list[str]], begin: int, last: int) -> list[list[str]]:
+    """The rows without cells that spreadsheets append: right of all that rows begin to last name.
+
+    Rows with anything there are left as they are.
+    """
+    named = [k for row in rows[begin : last + 1] for k, cell in enumerate(row) if cell.strip()]
+    width = max(named, default=0) + 1
+    return [row if any(cell.strip() for cell in row[width:]) else row[:width] for row in rows]
 
 
 def _header(row: list[str], path: Path) -> dict[str, str]:
@@ -158,8 +169,14 @@ def _numbers(rows: list[list[str]], first: int, start: int, path: Path) -> Float
     numbers = np.full((len(rows) - first - 1, width), np.nan)
     count = 0
     for line, row in enumerate(rows[first + 1 :], first + 2):
-        if not row:
+        if not any(cell.strip() for cell in row):
             continue
+        if _begins_section(row):
+            raise UserError(
+                f"{path}, line {line}: another section begins",
+                "several exports, or one in parts, stand in one file",
+                "save each as a file of its own, and take the one that covers the drive",
+            )
         if len(row) != width:
             commas = ", as if decimals stood after commas" if len(row) > 1.5 * width else ""
             raise _cut(path, line, f"{len(row)} of {width} cells{commas}")
@@ -170,6 +187,12 @@ def _numbers(rows: list[list[str]], first: int, start: int, path: Path) -> Float
             raise _no_number(path, line, cells) from None
         count += 1
     return numbers[:count]
+
+
+def _begins_section(row: list[str]) -> bool:
+    """Whether a row is one of those above the frames, once more."""
+    frame, time = row[0].strip(), "".join(row[1:2]).strip()
+    return frame in ("Format Version", "Frame") or not (frame or time[:1].isdigit())
 
 
 def _cut(path: Path, line: int, why: str) -> UserError:
@@ -195,7 +218,8 @@ def _check_whole(header: dict[str, str], numbers: FloatArray, path: Path) -> Non
         raise UserError(
             f"{path} holds {len(numbers)} frames, but should hold {promised}",
             "Total Exported Frames in line 1 says so",
-            "the file is not whole: copy or export it again",
+            "the file is not whole: copy or export it again; if you split it, write the number of "
+            "frames there",
         )
     order = numbers[:, :2]
     if not np.isfinite(order).all() or np.any(np.diff(order, axis=0) <= 0.0):

@@ -157,7 +157,7 @@ def export(version="1.25", rotation="Quaternion", units="Centimeters", timecode=
         for number, each in enumerate(rows):
             first = len(rows) - 4
             each.insert(2, "" if number < first else "TimeCode" if number == first else "1:2:3.4")
-    if version == "1.21":
+    if version in ("1.2", "1.21"):
         for each in rows[:4]:
             each[1] = ""
         rows[-4][1] = "Time"
@@ -174,7 +174,7 @@ def read(tmp_path):
     return written
 
 
-@pytest.mark.parametrize("version", ["1.21", "1.22", "1.23", "1.24", "1.25"])
+@pytest.mark.parametrize("version", ["1.2", "1.21", "1.22", "1.23", "1.24", "1.25"])
 @pytest.mark.parametrize("timecode", [False, True])
 def test_each_format(version, timecode, read):
     take = read(export(version, timecode=timecode))
@@ -203,6 +203,16 @@ def test_each_order_of_rotation_and_each_unit(order, units, read):
     np.testing.assert_allclose(body.positions[0], np.array([100, 20, 0]) * UNITS[units])
 
 
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("first", [0, 2, 8])
+def test_cells_that_a_spreadsheet_appends_are_no_columns(cells, first, read):
+    lines = export()
+    padded = [line + "," * cells * (k >= first) for k, line in enumerate(lines)]
+    take, plain = read(padded), read(lines)
+    assert [body.name for body in take.bodies] == [body.name for body in plain.bodies]
+    np.testing.assert_array_equal(take.bodies[1].positions, plain.bodies[1].positions)
+
+
 def without(lines, quantity, axis):
     """The lines without the first column of that quantity and axis."""
     rows = [line.split(",") for line in lines[2:]]
@@ -227,7 +237,7 @@ def edited(old, new, line=0):
     [
         (export()[:-1], ["holds 2 frames, but should hold 3", "copy or export it again"]),
         ([*export()[:-1], export()[-1][:30]], ["line 11 is cut", "of 21 cells"]),
-        (export("1.1"), ["format 1.1 is not understood", "1.21 to 1.25"]),
+        (export("1.1"), ["format 1.1 is not understood", "1.2 to 1.25"]),
         (export("2.0"), ["format 2.0 is not understood", "export the take again"]),
         (without(export(), "Position", "Z"), ["Position Z of Rigid Body a is missing"]),
         (without(export(), "Rotation", "W"), ["Rotation W of Rigid Body a is missing"]),
@@ -241,6 +251,8 @@ def edited(old, new, line=0):
         (edited("B2", "A1", 4), ["Rigid Body", "missing"]),
         (edited("100", "1x0", 9), ["line 10, column 7: '1x0' is no number"]),
         (edited("2,", "0,", 9), ["frames are not in order"]),
+        ([*export(), "", *export()], ["line 13: another section begins", "file of its own"]),
+        ([*export("1.21"), *export("1.21")[1:]], ["line 12: another section begins"]),
         (edited("Format Version", "Name"), ["line 1: no export of Motive"]),
         ([""], ["line 1: no export of Motive"]),
     ],
