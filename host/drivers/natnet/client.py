@@ -179,12 +179,14 @@ class NatNetClient:
         """Were the last `seconds` good, and why not? news: what was counted in them."""
         name = _name(session.info)
         if not news["frames"]:
-            if news["malformed"]:
-                version = "{}.{}".format(*session.info.version)
-                return False, f"{name} sends frames that do not read as NatNet {version}"
             return False, str(self._no_frames(session, link, news))
         if news["unstamped"] == news["frames"]:
             return False, f"{name} streams, but has not given its clock yet"
+        if news["repeated"] == news["frames"]:
+            return False, (
+                f"{name} sends one frame again and again\n"
+                "start its playback, or switch Motive to Live mode"
+            )
         if not session.bodies:
             return False, (
                 f"{name} streams frames without rigid bodies\n"
@@ -205,6 +207,9 @@ class NatNetClient:
     def _no_frames(self, session: MocapSession, link: Link, news: "Counter[str]") -> UserError:
         """Why a server that answers sends no frames, and what was tried."""
         info = session.info
+        if news["malformed"]:
+            version = "{}.{}".format(*info.version)
+            return UserError(f"{_name(info)} sends frames that do not read as NatNet {version}")
         what = f"connected to {_name(info)} at {link.server}, but no frames come"
         interface, doubt = link.way()
         switch = "switch Broadcast Frame Data on in Motive's streaming pane"

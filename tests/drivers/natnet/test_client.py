@@ -266,6 +266,14 @@ def test_a_server_that_does_not_answer_and_comes_later(monkeypatch):
         client.until_says("stopped answering")
 
 
+def test_a_server_whose_playback_stands_still_is_named():
+    with NatNetServer(Robots()) as server, Running(server.config) as client:
+        assert client.bodies(5)
+        frame = server._frame
+        server._frame = lambda number, exposed, timestamp: frame(7, exposed, timestamp)
+        client.until_says("sends one frame again and again", "Live mode")
+
+
 def test_an_old_server_is_refused():
     with (
         NatNetServer(Robots(), version=(2, 5)) as server,
