@@ -22,7 +22,6 @@ Repairs (docs/filters.md gives their reasons):
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -53,7 +52,7 @@ _OCCLUSION_RAD = math.radians(3.0)  # eq. 22
 _INTERFERENCE_RAD = math.radians(3.0)  # c of eq. 23
 _PRUNE_WEIGHT, _MERGE_DISTANCE = 0.001, 2.0
 _REPORT_WEIGHT = 0.1
-_EVERYTHING = 1e6  # no gate
+_MOST_DETECTION = 0.98  # repair 6
 
 
 class Perera2021Filter:
@@ -84,29 +83,18 @@ class Perera2021Filter:
         """Eq. 12–23 for the lidar, eq. 24–30 for the cameras."""
         check(measurement)
         rows = self._rows
-        bearing, distance = np.arctan2(rows[Y], rows[X]), np.hypot(rows[X], rows[Y])
-        hidden = self._occlusion(bearing, distance)
+        n, m = rows.shape[1], len(_readings(measurement))
+        i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)  # each with each: no gate
+        prior = rows.take(i, axis=1)
         if isinstance(measurement, Positions):
-            beside = beside_sectors(bearing, self._centres, self._half_widths)  # eq. 20
-            detected = hidden * beside  # eq. 18
-            detected /= 1.02 + _exp(8.0 * (distance - 1.5))  # eq. 19
-            if measurement.clearance is not None:
-                detected *= _interference(bearing, measurement.clearance)
-            n, m = rows.shape[1], len(measurement.positions)
-            i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
-            positions = measurement.positions[j].T
-            lidar_noise = _LIDAR_VARIANCE_M2 * np.array([[1.0], [0.0], [1.0]])
-            updated, density = update_by_positions(rows.take(i, axis=1), positions, lidar_noise)
+            detected = self._lidar_detection(measurement)
+            noise = _LIDAR_VARIANCE_M2 * np.array([[1.0], [0.0], [1.0]])
+            updated, density = update_by_positions(prior, measurement.positions[j].T, noise)
         else:
-            m = len(measurement.bearings)
-            detected = hidden / (1.1 + _exp(5.0 * (distance - 4.0)))  # eq. 29, 30
-            detected[distance < 1e-3] = 0.0  # repair 5
-            detected *= in_view(bearing, measurement.view)
-            as_printed = replace(measurement, variances=np.full(m, _BEARING_VARIANCE_RAD2))
-            pairs = update_by_bearings(rows, as_printed, 0.0, _EVERYTHING)
-            i, j, updated = pairs.component, pairs.reading, pairs.updated
-            density = pairs.likelihood
-        detected = np.clip(detected, 0.0, 0.98)
+            detected = self._camera_detection(measurement)
+            updated, density = update_by_bearings(
+                prior, measurement.bearings[j], _BEARING_VARIANCE_RAD2, measurement.origin
+            )
         updated[WEIGHT] *= detected[i] * density
         total = np.bincount(j, updated[WEIGHT], m)
         updated[WEIGHT] /= np.maximum(total[j], 1e-300)
@@ -123,6 +111,30 @@ class Perera2021Filter:
         self._rows = match_moments(rows, into, rows[: Y + 1, leaders])
         self._seen = np.full(len(leaders), -math.inf)
         np.maximum.at(self._seen, into, seen)
+
+    def _lidar_detection(self, measured: Positions) -> FloatArray:
+        """P_D (n,) of each component by the lidar, eq. 18: eq. 19 to 23."""
+        bearing, distance = self._polar()
+        detected = self._occlusion(bearing, distance)
+        detected *= beside_sectors(bearing, self._centres, self._half_widths)  # eq. 20
+        detected /= 1.02 + _exp(8.0 * (distance - 1.5))  # eq. 19
+        if measured.clearance is not None:
+            detected *= _interference(bearing, measured.clearance)
+        return np.minimum(detected, _MOST_DETECTION)
+
+    def _camera_detection(self, measured: Bearings) -> FloatArray:
+        """P_D (n,) of each component by the cameras, eq. 29."""
+        bearing, distance = self._polar()
+        detected = self._occlusion(bearing, distance)
+        detected /= 1.1 + _exp(5.0 * (distance - 4.0))  # eq. 30
+        detected[distance < 1e-3] = 0.0  # repair 5
+        detected *= in_view(bearing, measured.view)
+        return np.minimum(detected, _MOST_DETECTION)
+
+    def _polar(self) -> tuple[FloatArray, FloatArray]:
+        """Bearing (n,) rad and distance (n,) m of each component."""
+        x, y = self._rows[: Y + 1]
+        return np.arctan2(y, x), np.hypot(x, y)
 
     def _occlusion(self, bearing: FloatArray, distance: FloatArray) -> FloatArray:
         """Eq. 21–22: every nearer component may hide this one."""
@@ -144,6 +156,10 @@ class Perera2021Filter:
             ages=self._time - self._seen[index],
             labels=index,
         )
+
+
+def _readings(measurement: Positions | Bearings) -> FloatArray:
+    return measurement.positions if isinstance(measurement, Positions) else measurement.bearings
 
 
 def _exp(exponent: FloatArray) -> FloatArray:

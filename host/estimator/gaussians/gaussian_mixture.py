@@ -5,13 +5,12 @@ is a few numpy calls whatever n is. A covariance is kept as its three distinct e
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from host.estimator.gaussians.near_pairs import near_pairs
 from host.geometry import wrap
-from host.messages import Bearings, Displacement, FloatArray, IntArray
+from host.messages import Displacement, FloatArray, IntArray
 
 ROWS = 6
 X, Y, PXX, PXY, PYY, WEIGHT = range(ROWS)  # m, m²; weight: expected number of targets
@@ -82,44 +81,28 @@ def update_by_positions(
     return updated, likelihood
 
 
-@dataclass(frozen=True, slots=True)
-class BearingPairs:
-    """Components paired with bearings that could be theirs, and each pair's update.
-
-    component, reading (p,): indices. likelihood (p,): N(innovation; 0, S) in 1/rad. updated
-    (ROWS, p): the component after the reading, its weight untouched.
-    """
-
-    component: IntArray
-    reading: IntArray
-    likelihood: FloatArray
-    updated: FloatArray
-
-
 def update_by_bearings(
-    rows: FloatArray, measured: Bearings, lag_variance: FloatArray | float, gate: float
-) -> BearingPairs:
+    prior: FloatArray, bearings: FloatArray, noise: float, origin: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
     """Extended Kalman updates by bearing readings (eq. 25, 26, 28, repaired).
 
+    prior (ROWS, p), their readings (p,) rad, seen from `origin` (x, y) m, and the readings' noise,
+    rad². Returns the updated rows, weights untouched, and N(innovation; 0, S) (p,), 1/rad.
     The innovation is a wrapped angle and H = (-y, x) / r², both from the rays' origin.
-    lag_variance (m²): what the targets may have moved since the reading was made.
     """
-    dx, dy = rows[X] - measured.origin[0], rows[Y] - measured.origin[1]
+    dx, dy = prior[X] - origin[0], prior[Y] - origin[1]
     square = np.maximum(dx * dx + dy * dy, 1e-6)
     hx, hy = -dy / square, dx / square
-    gx = rows[PXX] * hx + rows[PXY] * hy
-    gy = rows[PXY] * hx + rows[PYY] * hy
-    spread = hx * gx + hy * gy + lag_variance / square
-    innovations = wrap(measured.bearings - np.arctan2(dy, dx)[:, None])
-    i, j = (innovations**2 < gate * (spread[:, None] + measured.variances)).nonzero()
-    innovation, variance = innovations[i, j], spread[i] + measured.variances[j]
+    px = prior[PXX] * hx + prior[PXY] * hy  # P H^T
+    py = prior[PXY] * hx + prior[PYY] * hy
+    variance = hx * px + hy * py + noise  # S
+    innovation = wrap(bearings - np.arctan2(dy, dx))
     likelihood = np.exp(-0.5 * innovation * innovation / variance)
     likelihood /= np.sqrt(2.0 * math.pi * variance)
-    updated = rows.take(i, axis=1)
-    px, py = gx[i], gy[i]
     kx, ky = px / variance, py / variance
+    updated = prior.copy()
     updated[: PYY + 1] += (kx * innovation, ky * innovation, -kx * px, -kx * py, -ky * py)
-    return BearingPairs(i, j, likelihood, updated)
+    return updated, likelihood
 
 
 def match_moments(rows: FloatArray, into: IntArray, centres: FloatArray) -> FloatArray:

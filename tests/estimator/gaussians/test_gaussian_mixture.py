@@ -25,7 +25,7 @@ from host.estimator.gaussians.gaussian_mixture import (
     update_by_bearings,
     update_by_positions,
 )
-from host.messages import Bearings, Displacement
+from host.messages import Displacement
 
 coordinate = st.floats(-5.0, 5.0)
 sigma = st.floats(0.01, 1.0)
@@ -143,21 +143,17 @@ def test_updates_of_stacked_mixtures_are_the_updates_of_each(seed):
     gaussians.filter(lambda g: np.hypot(*(g[0] - [0.2, -0.1])) > 0.1),
     st.floats(-1.0, 1.0),
     st.floats(0.01, 0.5),
-    st.floats(0.0, 0.1),
 )
-def test_a_bearing_update_equals_josephs_form_with_a_numerical_jacobian(
-    prior, off, noise, lag_variance
-):
+def test_a_bearing_update_equals_josephs_form_with_a_numerical_jacobian(prior, off, noise):
     (mean, matrix), origin = prior, np.array([0.2, -0.1])
 
     def direction(point):
         return math.atan2(*(point - origin)[::-1])
 
     bearing = direction(mean) + off
-    measured = Bearings(
-        0.0, np.array([bearing + 2 * math.pi]), np.array([noise**2]), tuple(origin.tolist())
+    updated, likelihood = update_by_bearings(
+        columns([mean], [matrix], [0.3]), np.array([bearing + 2 * math.pi]), noise**2, origin
     )
-    pairs = update_by_bearings(columns([mean], [matrix], [0.3]), measured, lag_variance, 1e6)
     distance = np.hypot(*(mean - origin))
     step = 1e-5 * distance
     jacobian = np.array(
@@ -168,29 +164,11 @@ def test_a_bearing_update_equals_josephs_form_with_a_numerical_jacobian(
             ]
         ]
     )
-    total = np.array([[noise**2 + lag_variance / distance**2]])
-    expected = joseph(mean, matrix, jacobian, total, np.array([off]))
-    assert (pairs.component.tolist(), pairs.reading.tolist()) == ([0], [0])
-    assert means_of(pairs.updated)[0] == pytest.approx(expected[0], rel=1e-4, abs=1e-6)
-    assert matrices_of(pairs.updated)[0] == pytest.approx(expected[1], rel=1e-3, abs=1e-6)
-    assert pairs.likelihood[0] == pytest.approx(expected[2], rel=1e-3, abs=1e-12)
-    assert pairs.updated[WEIGHT, 0] == 0.3
-
-
-@given(seeds)
-def test_bearings_are_paired_with_every_component_within_the_gate_and_no_other(seed):
-    random = np.random.default_rng(seed)
-    rows = random_mixture(random, 12)
-    measured = Bearings(0.0, random.uniform(-4, 4, 6), random.uniform(0.001, 0.01, 6))
-    pairs = update_by_bearings(rows, measured, 0.0, 9.0)
-    expected = []
-    for i, (mean, matrix) in enumerate(zip(means_of(rows), matrices_of(rows), strict=True)):
-        across = np.array([-mean[1], mean[0]]) / (mean @ mean)
-        for j in range(6):
-            off = math.remainder(measured.bearings[j] - math.atan2(mean[1], mean[0]), 2 * math.pi)
-            if off**2 < 9.0 * (across @ matrix @ across + measured.variances[j]):
-                expected.append((i, j))
-    assert sorted(zip(pairs.component.tolist(), pairs.reading.tolist(), strict=True)) == expected
+    expected = joseph(mean, matrix, jacobian, np.array([[noise**2]]), np.array([off]))
+    assert means_of(updated)[0] == pytest.approx(expected[0], rel=1e-4, abs=1e-6)
+    assert matrices_of(updated)[0] == pytest.approx(expected[1], rel=1e-3, abs=1e-6)
+    assert likelihood[0] == pytest.approx(expected[2], rel=1e-3, abs=1e-12)
+    assert updated[WEIGHT, 0] == 0.3
 
 
 def motion(dx, dy, dpsi, translation=0.0, heading=0.0):
