@@ -11,7 +11,7 @@ SECTORS = 360  # of a clearance profile (see `messages.Positions`)
 
 
 def wrap(angle: FloatArray | float) -> FloatArray:
-    """The same angle (rad) in [-pi, pi); any shape."""
+    """The same angle (rad) in [-pi, pi), rounded: just below -pi it is pi itself; any shape."""
     return np.asarray((np.asarray(angle) + math.pi) % (2.0 * math.pi) - math.pi)
 
 

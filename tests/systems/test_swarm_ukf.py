@@ -106,6 +106,7 @@ def test_what_cannot_be_known_is_refused_in_words():
     readings = everything(truth)
     without = [r for r in readings if 3 not in (r.reading.observer, r.reading.seen)]
     assert find_start(without, standing(4), 0.0) == "no reading links robot 4 to the others"
+    assert find_start([], standing(1), 0.0) == "one robot alone has nothing to be placed by"
     chain = [TimedReading(0.0, sighting(truth, a, a + 1)) for a in range(3)]
     assert "too few for 4 robots (eq. 3)" in find_start(chain, standing(4), 0.0)
     one_way = [r for r in readings if r.reading.observer != 3][:-1] + 3 * chain

@@ -72,6 +72,8 @@ def find_start(
 
 def _missing(readings: Sequence[TimedReading], count: int) -> str:
     """Why so few readings cannot place all robots; "" where nothing is known against it."""
+    if count < 2:
+        return "one robot alone has nothing to be placed by"
     groups = np.arange(count)
     for timed in readings:
         groups[groups == groups[timed.reading.seen]] = groups[timed.reading.observer]
