@@ -28,15 +28,13 @@ def displacement(
     tyres differ on the straight too. illegal: the encoders' illegal transitions (left, right) in
     the interval, for each of which a wheel may have gone TICKS_PER_ILLEGAL further or less.
     """
-    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
-    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
+    left, right = _ways(wheels, left_ticks, right_ticks)
     distance, dpsi = (left + right) / 2.0, (right - left) / wheels.track_m
     half = dpsi / 2.0
     chord = distance * math.sin(half) / half if half else distance
     way = abs(distance)
-    uncounted = (
-        _metres_per_tick(wheels, wheels.left_radius_m) * TICKS_PER_ILLEGAL * illegal[0]
-    ) ** 2 + (_metres_per_tick(wheels, wheels.right_radius_m) * TICKS_PER_ILLEGAL * illegal[1]) ** 2
+    left_off, right_off = _ways(wheels, *(TICKS_PER_ILLEGAL * count for count in illegal))
+    uncounted = left_off**2 + right_off**2
     return Displacement(
         time=time,
         interval=interval,
@@ -53,8 +51,7 @@ def displacement(
 
 def distance(wheels: Wheels, left_ticks: int, right_ticks: int) -> float:
     """Eq. 31: the way (m) of the middle between the wheels, along its arc."""
-    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks
-    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks
+    left, right = _ways(wheels, left_ticks, right_ticks)
     return (left + right) / 2.0
 
 
@@ -86,13 +83,12 @@ def _clip(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-def body_speeds(
-    wheels: Wheels, left_ticks_per_s: float, right_ticks_per_s: float
-) -> tuple[float, float]:
-    """The other way round: speed (m/s) and turn rate (rad/s) at so many ticks/s of each wheel."""
-    left = _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks_per_s
-    right = _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks_per_s
-    return (left + right) / 2.0, (right - left) / wheels.track_m
+def _ways(wheels: Wheels, left_ticks: int, right_ticks: int) -> tuple[float, float]:
+    """How far the wheels (left, right) went, m."""
+    return (
+        _metres_per_tick(wheels, wheels.left_radius_m) * left_ticks,
+        _metres_per_tick(wheels, wheels.right_radius_m) * right_ticks,
+    )
 
 
 def _metres_per_tick(wheels: Wheels, radius_m: float) -> float:

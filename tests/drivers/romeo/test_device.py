@@ -16,11 +16,11 @@ import pytest
 
 from host.config import Board, Motors, RobotConfig, Wheels
 from host.drivers.romeo.device import Romeo
-from host.drivers.romeo.differential_drive import body_speeds
 from host.drivers.romeo.framing import BoardDecoder
 from host.drivers.romeo.protocol import FIRMWARE_VERSION, PROTOCOL_HASH, VelocityFrame
 from host.messages import Displacement, Health, Message
 from host.simulation.devices.romeo_stand_in import RomeoStandIn
+from tests.drivers.romeo.kinematics import body_speeds
 
 PATIENCE_S = 30.0
 WHEELS = Wheels()

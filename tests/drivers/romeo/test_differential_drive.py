@@ -8,11 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host.config import Wheels
-from host.drivers.romeo.differential_drive import (
-    body_speeds,
-    displacement,
-    wheel_speeds,
-)
+from host.drivers.romeo.differential_drive import displacement, wheel_speeds
+from tests.drivers.romeo.kinematics import body_speeds
 
 WHEELS = Wheels(left_radius_m=0.0325, right_radius_m=0.033, track_m=0.15, counts_per_turn=1900)
 TICKS = st.integers(-20_000, 20_000)
