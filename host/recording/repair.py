@@ -36,7 +36,7 @@ def repair(path: Path, output: Path) -> Repaired:
             f"{path} is no MCAP file", "its first bytes are others", "use a copy of the recording"
         )
     fault, messages, records = _examined(path)
-    if not records:
+    if not messages:
         raise UserError(f"nothing of {path} can be saved", fault, "the run ended at its start")
     try:
         with output.open("xb") as file:

@@ -123,6 +123,12 @@ def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
 
 def _moving_rates(path: BodyPath, moved: BodyPath, who: str) -> Rates:
     _check_times(path, moved, who)
+    if not len(moved.times):
+        raise _refused(
+            path,
+            f"{who} has no pose at all",
+            "it was lost in every row, or the rows have no orientation, as quaternions of zeros",
+        )
     if len(moved.times) < 2 or moved.times[-1] - moved.times[0] < LEAST_OVERLAP_S:
         raise _refused(path, f"{who} was seen for less than {LEAST_OVERLAP_S:.0f} s")
     rates = Rates(moved)

@@ -21,7 +21,7 @@ _KINDS = (
     _TRANSFORM,
     _TRANSFORMS,
 )
-_ENDINGS = (".bag", ".mcap", ".db3")
+_ENDINGS = (".bag", ".mcap", ".db3", ".zstd")
 
 
 def is_bag(path: Path) -> bool:

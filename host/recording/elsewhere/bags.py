@@ -26,6 +26,11 @@ SCAN, ODOMETRY, POSE = (
     "geometry_msgs/msg/PoseStamped",
 )
 _SYNTAX = "bag:FILE,scan=TOPIC,odom=TOPIC,own=TOPIC,others=TOPIC+TOPIC"
+_REPAIRS = {
+    ".mcap": "if it was cut short, `swarmloc record --repair` keeps what is there; else ",
+    ".bag": "if it was cut short, `rosbag reindex` keeps what is there; else ",
+    ".db3": "if it was cut short, `.recover` of sqlite3 keeps what is there; else ",
+}
 _LARGEST_STEP_S = 1.0  # a longer hole of the odometry is none of its steps
 
 
@@ -157,8 +162,14 @@ def _reading(path: Path) -> Iterator[None]:
         raise UserError(
             f"cannot read the bag {path}",
             str(error) or type(error).__name__,
-            "give a .bag file of ROS 1, or a folder or an .mcap file of ROS 2",
+            _repair_of(path) + "give a .bag file of ROS 1, or a folder or an .mcap file of ROS 2",
         ) from error
+
+
+def _repair_of(path: Path) -> str:
+    """What may help for a bag, by the kind of its file."""
+    files = [path, *(sorted(path.iterdir()) if path.is_dir() else ())]
+    return next((_REPAIRS[file.suffix] for file in files if file.suffix in _REPAIRS), "")
 
 
 def _topics(reader: Any, kind: str) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray, IntArray
-from host.recording.elsewhere.text_table import is_comment, number_of, read_rows
+from host.recording.elsewhere.text_table import FORMS, is_comment, number_of, read_rows
 
 FORMATS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
 UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
@@ -53,7 +53,7 @@ class Table:
 
 def is_motive(path: Path) -> bool:
     """Whether a file is an export of Motive, of whichever format. Raises UserError for no text."""
-    rows, _ = read_rows(path, "give a CSV export of Motive, or a CSV with named columns")
+    rows, _ = read_rows(path, FORMS)
     return bool(rows) and rows[_begin(rows)][:1] == ["Format Version"]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from host.errors import UserError
 from host.messages import FloatArray
 from host.recording.elsewhere.posed_body import PosedBody, posed_body
-from host.recording.elsewhere.text_table import number_of, read_rows, wrong_line
+from host.recording.elsewhere.text_table import FORMS, number_of, read_rows, wrong_line
 
 _KINDS = ("objects", "segments")
 _OTHER_KINDS = ("trajectories", "devices", "joints", "model outputs")
@@ -30,7 +30,7 @@ _NEXT = "export the objects of Tracker, or the segments of Nexus, with their glo
 
 def is_vicon(path: Path) -> bool:
     """Whether a file is such an export. Raises UserError for no text."""
-    rows, _ = read_rows(path, _NEXT)
+    rows, _ = read_rows(path, FORMS)
     first = next((row[0] for row in rows if row), "").strip().lower()
     return first in (*_KINDS, *_OTHER_KINDS)
 

@@ -1,10 +1,12 @@
 """Truth from ROS bags: every message that holds a pose, whichever axis is up."""
 
 import gc
+import io
 import math
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -13,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from host.calibration.truth.files import read_truth
 from host.errors import UserError
 from host.recording.elsewhere.named_columns import Units
+from host.recording.repair import repair
 
 EPOCH_S = 1_700_000_000
 POSES = np.column_stack((np.linspace(0.0, 2.0, 9), np.linspace(1.0, 0.0, 9), np.linspace(0, 3, 9)))
@@ -100,3 +103,30 @@ def test_no_bag_is_refused(tmp_path):
         with pytest.raises(UserError, match="cannot read the bag"):
             read_truth(path, Units())
     gc.collect()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_of_a_bag_that_was_cut_short_the_rest_can_be_kept(tmp_path):
+    """Its poses stand in chunks; the last one is cut."""
+    store, name = get_typestore(Stores.ROS2_HUMBLE), _full("PoseStamped")
+    content = io.BytesIO()
+    writer = Writer(content, chunk_size=1000)
+    writer.start(profile="ros2", library="another")
+    definition = store.generate_msgdef(name, ros_version=2)[0].encode()
+    schema = writer.register_schema(name, "ros2msg", definition)
+    channel = writer.register_channel("/robot", "cdr", schema)
+    for again in range(20):
+        for k, message in enumerate(messages(store, "PoseStamped", False, "z")):
+            message.header.stamp.sec += 10 * again
+            data = bytes(store.serialize_cdr(message, name))
+            writer.add_message(channel, 10 * again + k, data, 10 * again + k)
+    writer.finish()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content.getvalue()[: len(content.getvalue()) // 2])
+    with pytest.raises(UserError, match=r"record --repair"):
+        read_truth(cut, Units())
+    gc.collect()
+    repair(cut, tmp_path / "kept.mcap")
+    (body,) = read_truth(tmp_path / "kept.mcap", Units())
+    assert 40 < len(body.times) < 100
+    assert body.poses[:3] == pytest.approx(POSES[:3])

@@ -260,3 +260,9 @@ def test_an_export_of_qualisys(file, title, matrix, time):
 def test_what_is_wrong_with_an_export_of_qualisys_is_named(file, change, words):
     with pytest.raises(UserError, match=words):
         read_truth(file(qualisys(matrix=False).replace(*change)), Units())
+
+
+def test_what_is_no_text_is_answered_with_all_forms(tmp_path):
+    (tmp_path / "picture.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(UserError, match="Motive, Vicon or QTM, a CSV with named columns, or a ROS"):
+        read_truth(tmp_path / "picture.csv", Units())
