@@ -10,6 +10,8 @@ import click
 
 from host.calibration import robot_file
 from host.cli import options
+from host.cli.files import json_option, write_json
+from host.cli.terminal.progress import progress_bar
 from host.doctor.examine import examine
 from host.doctor.findings import Finding, Level, in_json, table
 from host.doctor.spin import Spin
@@ -38,7 +40,7 @@ Examples:
 )
 @click.option(
     "--seconds",
-    type=options.Seconds(1.0, 600.0),
+    type=options.Number(1.0, 600.0),
     default=SECONDS,
     show_default=True,
     help="How long to watch. A covered lidar window is found after 11 s.",
@@ -50,7 +52,7 @@ Examples:
 )
 @click.option("--yes", is_flag=True, help="Answer every question with yes.")
 @click.option("--udev-rules", is_flag=True, help="Only print the devices' udev rules.")
-@options.json_option
+@json_option
 @click.pass_context
 def doctor(
     ctx: click.Context,
@@ -67,6 +69,8 @@ def doctor(
     The exit code is 1 if something failed.
     """
     if udev_rules:
+        if json_path is not None:
+            raise click.UsageError("--udev-rules only prints: leave --json out")
         click.echo(RULES, nl=False)
         return
     robot = robot_configuration(robot_path)
@@ -76,10 +80,10 @@ def doctor(
         else:
             rig = simulated_rig(stack, robot, scenario, {}, LIDAR_AND_CAMERA, driven=spin)
         wheels = _spin(rig, yes) if spin else None
-        with options.progress_bar("watching the devices") as progress:
+        with progress_bar("watching the devices") as progress:
             examined = examine(rig, Path.cwd(), Computer(), seconds, progress, wheels)
     found = examined.findings
-    options.write_json(json_path, in_json(found))
+    write_json(json_path, in_json(found))
     click.echo(f"{rig.title}\n\n{table(found, shutil.get_terminal_size().columns)}\n")
     click.echo(_verdict(found))
     if robot_path is not None and examined.settings:

@@ -15,6 +15,7 @@ from host.cli import options
 from host.cli.calibrate import gathering
 from host.cli.calibrate.fitting import drive_name
 from host.cli.drive_square import square
+from host.cli.files import json_option, write_json
 from host.cli.terminal.gamepad import HOLD, find, gamepad_read
 from host.cli.terminal.keyboard import keys_read
 from host.cli.terminal.live_screen import check_failures, show_run, view_option, viewer_at
@@ -28,12 +29,6 @@ AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
 simulate_option = options.simulate_option("Drive a simulated robot.")
-record_option = click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Record measurements and estimates into FILE (.mcap).",
-)
 
 
 def drive_options(command: AnyFunction) -> AnyFunction:
@@ -43,12 +38,12 @@ def drive_options(command: AnyFunction) -> AnyFunction:
         simulate_option,
         click.option(
             "--seconds",
-            type=options.Seconds(0.1),
+            type=options.Number(0.1),
             help="Stop after this time, s.  [default: never]",
         ),
-        record_option,
+        options.record_option,
         view_option,
-        options.json_option,
+        json_option,
     ]
     for choice in reversed(choices):
         command = choice(command)
@@ -60,8 +55,7 @@ class KeysByDefault(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put the default command in front where none is named."""
-        known = ("-h", "--help", *self.commands, *BEHAVIOURS.names())
-        if not args or args[0] not in known:
+        if not args or (args[0].startswith("-") and args[0] not in ("-h", "--help")):
             args = ["keys", *args]
         return super().parse_args(ctx, args)
 
@@ -142,7 +136,13 @@ def gamepad(device: str | None, **common: Any) -> None:
 Example:
   swarmloc drive walk --simulate --seconds 60"""
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random walk.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random walk.",
+)
 @drive_options
 def walk(seed: int, **common: Any) -> None:
     """Drive a random walk around obstacles, until Ctrl-C or for --seconds."""
@@ -173,14 +173,19 @@ Example:
 @simulate_option
 @click.option(
     "--seconds",
-    type=options.Seconds(1.0),
+    type=options.Number(1.0),
     default=180.0,
     show_default=True,
     help="Stop after this time, s, even if data are missing.",
 )
-@record_option
+@options.record_option
+@json_option
 def calibration(
-    robot_path: Path | None, scenario: str | None, seconds: float, record: Path | None
+    robot_path: Path | None,
+    scenario: str | None,
+    seconds: float,
+    record: Path | None,
+    json_path: Path | None,
 ) -> None:
     """Record the drive that `swarmloc calibrate` needs, within the free space.
 
@@ -191,6 +196,7 @@ def calibration(
 
     record = record or drive_name()
     gathering.live(robot_path, scenario, seconds, record, drive_advice, True, drives=True)
+    write_json(json_path, {"recording": str(record)})
     click.echo(f"recorded in {record}; next: swarmloc calibrate wheels {record} --robot robot.toml")
 
 
@@ -211,7 +217,7 @@ def _drive(
         viewers = {} if viewer is None else {"page": stack.enter_context(viewer)}
         outcome = show_run(rig, seconds, record, viewers, driving)
         contacts = contacts_in_words(rig)
-    options.write_json(json_path, outcome.figures)
+    write_json(json_path, outcome.figures)
     click.echo(summary(outcome.figures))
     if contacts:
         click.echo(contacts)

@@ -10,6 +10,8 @@ import click
 import numpy as np
 
 from host.cli import options
+from host.cli.files import json_option, write_json
+from host.cli.terminal.layout import listing
 from host.cli.terminal.signals import signals_caught
 from host.config import RobotConfig
 from host.drivers.natnet.client import MOCAP
@@ -32,7 +34,7 @@ Examples:
 @click.option(
     "--side",
     "side_m",
-    type=click.FloatRange(0.2, 20.0),
+    type=options.Number(0.2, 20.0),
     default=1.0,
     show_default=True,
     help="Side of the square, m.",
@@ -44,7 +46,7 @@ Examples:
     show_default=True,
     help="Runs in each direction; the paper drives 5.",
 )
-@options.json_option
+@json_option
 def square(
     robot_path: Path | None,
     scenario: str | None,
@@ -69,7 +71,7 @@ def square(
             errors[left].append(_once(rig, side_m, left, signalled))
     found = umbmark(as_rows(errors[False]), as_rows(errors[True]), side_m, robot.wheels.track_m)
     content = _figures(found, robot)
-    options.write_json(json_path, content)
+    write_json(json_path, content)
     click.echo(_as_table(errors))
     click.echo(as_text(content, runs))
 
@@ -117,11 +119,11 @@ def as_text(figures: Mapping[str, Any], runs: int) -> str:
     }
     # Of the mean of a direction's runs, at three sigmas.
     if figures["systematic_error_mm"] <= 3.0 * figures["spread_mm"] / math.sqrt(runs):
-        return f"{options.listing(lines)}\nkeep robot.toml: wheel slip alone explains these errors"
+        return f"{listing(lines)}\nkeep robot.toml: wheel slip alone explains these errors"
     todo = "write this into robot.toml:"
     if runs == 1:
         todo = "next: repeat with --runs 5, since wheels slip; so far robot.toml would be"
-    return f"""{options.listing(lines)}
+    return f"""{listing(lines)}
 {todo}
   [wheels]
   left_radius_m = {figures["corrected_left_radius_m"]}

@@ -7,15 +7,16 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
+from host.cli.files import json_option, write_json
+from host.cli.terminal.layout import columns
+from host.cli.terminal.progress import step_bar
 from host.cli.terminal.table import systems_table, table
 from host.evaluation.metrics import CUT_OFF_M, MRCLAM_CUT_OFF_M
 from host.evaluation.truth_scoring import RANGE_M
 from host.experiments.results_folder import ResultsFolder
-from host.registry import FILTERS
 from host.sessions.offline.evaluating import check_source, score_sources, step_count
 from host.sessions.recordings.truth_files import TruthFile
 from host.sessions.robot import robot_configuration
-from host.sources.sensors import SENSORS
 from host.systems.catalogue import SYSTEMS, is_system_source, score_systems
 
 _HELP = f"""Score filters on each SOURCE: a recording, a scenario or a dataset.
@@ -49,19 +50,8 @@ Examples:
     shell_complete=completion.sources,
     metavar="SOURCE...",
 )
-@click.option(
-    "--filters",
-    shell_complete=completion.filters,
-    default="perera2021,phd,pmb,clairvoyant",
-    show_default=True,
-    help=f"Filters to score: {', '.join(FILTERS.names())}.",
-)
-@click.option(
-    "--sensors",
-    default="lidar+camera,lidar",
-    show_default=True,
-    help="Sensors to use, each choice by itself; data sets have their own.",
-)
+@options.filters_option("perera2021,phd,pmb,clairvoyant")
+@options.sensors_option
 @click.option(
     "--systems",
     metavar="NAMES",
@@ -70,7 +60,7 @@ Examples:
 )
 @options.robot_or_recordings_option
 @options.truth_options
-@options.json_option
+@json_option
 @click.option(
     "--figures",
     "figures_path",
@@ -80,8 +70,8 @@ Examples:
 )
 def evaluate(
     sources: Sequence[str],
-    filters: str,
-    sensors: str,
+    filters: list[str],
+    sensors: list[str],
     systems: str | None,
     robot_path: Path | None,
     truth: TruthFile | None,
@@ -89,8 +79,6 @@ def evaluate(
     figures_path: Path | None,
 ) -> None:
     """Score filters on each source; `_HELP` is what the user reads."""
-    names = options.several(filters, FILTERS.names(), "--filters")
-    chosen = options.several(sensors, SENSORS, "--sensors")
     robot = None if robot_path is None else robot_configuration(robot_path)
     if truth is not None and len(sources) > 1:
         raise click.UsageError("--truth is of one recording: name one SOURCE")
@@ -100,22 +88,20 @@ def evaluate(
         check_source(source)
     folder = None
     if figures_path is not None:
-        asked = {"sources": list(sources), "filters": names, "sensors": chosen}
+        asked = {"sources": list(sources), "filters": filters, "sensors": sensors}
         folder = ResultsFolder(figures_path, datetime.now(), asked)
         if not folder.draw:
             click.echo(_NO_PICTURES, err=True)
-    size = step_count(sources, names, chosen)
-    with options.step_bar("evaluating", size) as step:
+    size = step_count(sources, filters, sensors)
+    with step_bar("evaluating", size) as step:
         keep = (lambda scored: None) if folder is None else folder.take
-        rows = score_sources(sources, names, chosen, robot, step, keep, truth)
+        rows = score_sources(sources, filters, sensors, robot, step, keep, truth)
     compared = list(score_systems(every, others))
-    options.write_json(
-        json_path, [row.as_json() for row in rows] + [row.as_json() for row in compared]
-    )
+    write_json(json_path, [row.as_json() for row in rows] + [row.as_json() for row in compared])
     if rows:
-        click.echo(table(rows, options.columns(80)))
+        click.echo(table(rows, columns(80)))
     if compared:
-        click.echo(systems_table(compared, options.columns(80)))
+        click.echo(systems_table(compared, columns(80)))
     if folder is not None:
         folder.take_systems(compared)
         folder.finish(rows)

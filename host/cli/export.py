@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
+from host.cli.files import json_option, write_json
+from host.cli.terminal.progress import progress_bar
 from host.cli.terminal.summary import written
 from host.recording.log import SUFFIX
 from host.sessions.recordings.exporting import export
@@ -24,7 +26,7 @@ Examples:
 @click.argument("source", shell_complete=completion.sources)
 @click.argument("output", type=click.Path(path_type=Path))
 @options.robot_or_recordings_option
-@options.json_option
+@json_option
 def export_command(
     source: str, output: Path, robot_path: Path | None, json_path: Path | None
 ) -> None:
@@ -33,7 +35,7 @@ def export_command(
     SOURCE is a recording (.mcap or the older .swarmloc), or bag:PATH of a ROS bag with its topics.
     """
     robot = None if robot_path is None else robot_configuration(robot_path)
-    with options.progress_bar() as progress:
+    with progress_bar() as progress:
         figures = export(source, output, robot, progress)
-    options.write_json(json_path, figures)
+    write_json(json_path, figures)
     click.echo(written(figures))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli.files import json_option, write_json
 from host.drivers.romeo.checks import firmware_version
 from host.drivers.romeo.ports import AUTO
 from host.flashing import build as romeo_build
@@ -29,7 +29,7 @@ Examples:
     help="The board's serial port.  [default: found by its USB id]",
 )
 @click.option("--build-only", is_flag=True, help="Build only, without a board.")
-@options.json_option
+@json_option
 def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
     """Build the firmware, upload it, and read the version back from the board.
 
@@ -51,7 +51,7 @@ def flash_command(port: str, build_only: bool, json_path: Path | None) -> None:
             "version": firmware_version(identity),
             "protocol_hash": f"{identity.protocol_hash:08x}",
         }
-    options.write_json(json_path, figures)
+    write_json(json_path, figures)
 
 
 def _figures(firmware: Firmware) -> dict[str, str | int | float]:

@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from host.calibration import robot_file
-from host.config import RobotConfig, load_config
+from host.cli.files import OutputFile, json_option, write_json
+from host.config import RobotConfig, Section, load_config
 from host.errors import UserError
 from host.folders import data_folder
 from host.sources.discovery import found_devices
@@ -26,6 +27,8 @@ def _settings(ctx: click.Context, param: click.Parameter, values: Sequence[str])
             raise click.BadParameter(
                 f"{value!r} is not like lidar.model=x4pro: a setting of robot.toml, and its value."
             )
+        if key in found:
+            raise click.BadParameter(f"{key} is set twice.")
         try:
             found[key] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
@@ -34,12 +37,12 @@ def _settings(ctx: click.Context, param: click.Parameter, values: Sequence[str])
 
 
 def _is_setting(key: str) -> bool:
-    table: Any = RobotConfig().model_dump()
+    table: Any = RobotConfig()
     for part in key.split("."):
-        if not isinstance(table, Mapping) or part not in table:
+        if not isinstance(table, Section) or part not in type(table).model_fields:
             return False
-        table = table[part]
-    return not isinstance(table, Mapping)
+        table = getattr(table, part)
+    return not isinstance(table, Section)
 
 
 @click.command(
@@ -50,7 +53,7 @@ Examples:
   swarmloc init left_robot.toml --find
   swarmloc init robot.toml --set name=robot1 --set lidar.model=x4pro""",
 )
-@click.argument("file", type=click.Path(path_type=Path), default="robot.toml")
+@click.argument("file", type=OutputFile(), default="robot.toml")
 @click.option(
     "--find", is_flag=True, help="Fill in the devices that are plugged in, by their USB sockets."
 )
@@ -62,20 +65,25 @@ Examples:
     callback=_settings,
     help="Change a setting, e.g. wheels.counts_per_turn=3840.",
 )
-def init(file: Path, find: bool, settings: Mapping[str, Any]) -> None:
+@json_option
+def init(file: Path, find: bool, settings: Mapping[str, Any], json_path: Path | None) -> None:
     """Write a configuration to FILE: every setting with its unit, meaning and default.
 
     The defaults are those of a DFRobot Cherokey. In a FILE that exists, only --find and --set
     change something.
     """
-    if not (file.exists() and (find or settings)):
-        _write(file)
-    if settings:
+    if file.exists() and (find or settings):
+        load_config(file)
+        _with(settings, file.read_text(encoding="utf-8"), file)  # whether it can hold them
         robot_file.update(file, settings, "")
+    else:
+        example = (data_folder() / _EXAMPLE).read_text(encoding="utf-8")
+        _write(file, _with(settings, example, file))
     devices = found_devices(load_config(file)) if find else {}
     if devices:
         note = f"found by swarmloc init, {datetime.date.today():%Y-%m-%d}"
         robot_file.update(file, devices, note)
+    write_json(json_path, {"file": str(file), "settings": {**settings, **devices}})
     for key, value in {**settings, **devices}.items():
         click.echo(f"  {key} = {value}")
     if find and not devices:
@@ -87,8 +95,17 @@ def init(file: Path, find: bool, settings: Mapping[str, Any]) -> None:
     click.echo(f"  swarmloc doctor --robot {file}")
 
 
-def _write(file: Path) -> None:
-    text = (data_folder() / _EXAMPLE).read_text(encoding="utf-8")
+def _with(settings: Mapping[str, Any], text: str, file: Path) -> str:
+    """The text of a robot.toml with these settings. Raises UserError where it cannot hold them."""
+    try:
+        return robot_file.updated(text, settings, "", str(file)) if settings else text
+    except UserError as error:
+        raise UserError(
+            f"{file} cannot hold these settings", error.why, "correct the values of --set"
+        ) from error
+
+
+def _write(file: Path, text: str) -> None:
     try:
         with file.open("x", encoding="utf-8") as new:
             new.write(text)

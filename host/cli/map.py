@@ -6,6 +6,7 @@ import click
 import cv2
 
 from host.cli import completion, options
+from host.cli.files import OutputFile, check_writable, json_option, write_json
 from host.registry import FILTERS
 from host.sessions.offline.mapping import map_source
 from host.sessions.robot import robot_configuration
@@ -20,7 +21,7 @@ Examples:
   swarmloc map arena4:seed=1,seconds=60,standing=1 room.png""",
 )
 @click.argument("source", shell_complete=completion.sources)
-@click.argument("output", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("output", type=OutputFile())
 @click.option(
     "--filter",
     "filter_name",
@@ -35,12 +36,12 @@ Examples:
     "cell_m",
     default=0.05,
     show_default=True,
-    type=click.FloatRange(0.01, 1.0),
+    type=options.Number(0.01, 1.0),
     metavar="M",
     help="Side of a cell (one pixel), m.",
 )
 @options.robot_or_recordings_option
-@options.json_option
+@json_option
 def map_command(
     source: str,
     output: Path,
@@ -58,14 +59,14 @@ def map_command(
         raise click.UsageError(f"a map is written as .png: {output.with_suffix('.png')}")
     pictures = {output: "without", output.with_stem(f"{output.stem}-with-teammates"): "with"}
     for path in pictures:
-        options.check_writable(path)
+        check_writable(path)
     robot = None if robot_path is None else robot_configuration(robot_path)
     mapper, wrong = map_source(source, filter_name, cell_m, robot)
     for path, which in pictures.items():
         grid = mapper.cleared if which == "without" else mapper.whole
         path.write_bytes(bytes(cv2.imencode(".png", grid.picture())[1]))
         click.echo(f"{which} teammates: {path}")
-    options.write_json(json_path, {name: each.as_json() for name, each in wrong.items()})
+    write_json(json_path, {name: each.as_json() for name, each in wrong.items()})
     for name, each in wrong.items():
         click.echo(
             f"{name}: {each.wrong} of {each.known} cells are wrong: {each.false} occupied where "

@@ -1,23 +1,18 @@
-"""What the commands share: options, progress bars, figures as text and JSON."""
+"""The options that commands share."""
 
-import contextlib
-import json
 import math
-import os
-import shutil
-import sys
-import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
 from host.cli import completion
-from host.errors import UserError, cannot_write
+from host.cli.files import OutputFile
 from host.recording.elsewhere.named_columns import units_of
 from host.registry import FILTERS
 from host.sessions.recordings.truth_files import TruthFile, truth_file
+from host.sources.sensors import SENSORS
 
 _UNITS = "swarmloc.truth_units"
 AnyCommand = TypeVar("AnyCommand", bound=Callable[..., Any] | click.Command)
@@ -60,44 +55,10 @@ filter_option = click.option(
 )
 
 
-def check_writable(path: Path) -> None:
-    """Raise UserError where a file that is to be written cannot be."""
-    folder = path.absolute().parent
-    if not folder.is_dir():
-        raise UserError(
-            f"cannot write {path}",
-            f"there is no folder {path.parent}",
-            "make that folder, or choose another file",
-        )
-    existed = path.exists()
-    try:  # a test that asks for permissions alone misses a full disk, /dev/full and /proc
-        with path.open("ab") as file:
-            if not existed or path.is_char_device():
-                file.write(b"\n")
-    except OSError as error:
-        raise cannot_write(path, error, "choose another file") from error
-    if not existed:
-        path.unlink()
+class Number(click.FloatRange):
+    """A number within bounds: no nan, and no inf."""
 
-
-def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
-    if path is not None:  # at once: after the work it would be too late
-        check_writable(path)
-    return path
-
-
-json_option = click.option(
-    "--json",
-    "json_path",
-    type=click.Path(path_type=Path, dir_okay=False),
-    callback=_checked,
-    metavar="FILE",
-    help="Also write the results to FILE as JSON.",
-)
-
-
-class Seconds(click.FloatRange):
-    """Seconds on the command line: a number from `least` on, and no nan or inf."""
+    name = "number"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -105,33 +66,39 @@ class Seconds(click.FloatRange):
         """The number. Raises a usage error."""
         found = float(super().convert(value, param, ctx))
         if not math.isfinite(found):
-            self.fail(f"{value} is not a number of seconds.", param, ctx)
+            self.fail(f"{value} is not a finite number.", param, ctx)
         return found
 
 
-class _Stderr:
-    """Standard error, as progress bars need it: what cannot be shown is no failure of the work.
-
-    A terminal that is gone, or that cannot move its cursor (TERM=dumb), shows no bar.
-    """
-
-    def write(self, text: str) -> int:
-        """Write, where that is possible."""
-        with contextlib.suppress(OSError):
-            sys.stderr.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        """Flush, where that is possible."""
-        with contextlib.suppress(OSError):
-            sys.stderr.flush()
-
-    def isatty(self) -> bool:
-        """Whether a bar can be drawn."""
-        return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+record_option = click.option(
+    "--record",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Record measurements and estimates into FILE (.mcap).",
+)
 
 
-stderr: Any = _Stderr()
+def filters_option(default: str) -> Callable[[AnyCommand], AnyCommand]:
+    """--filters: a list of names."""
+    return click.option(
+        "--filters",
+        shell_complete=completion.filters,
+        callback=lambda context, option, names: several(names, FILTERS.names(), "--filters"),
+        default=default,
+        show_default=True,
+        metavar="NAMES",
+        help=f"Filters to score: {', '.join(FILTERS.names())}.",
+    )
+
+
+sensors_option = click.option(
+    "--sensors",
+    default="lidar+camera,lidar",
+    callback=lambda context, option, names: several(names, SENSORS, "--sensors"),
+    show_default=True,
+    metavar="NAMES",
+    help=f"Sensors to use, each choice by itself: {', '.join(SENSORS)}; data sets have their own.",
+)
 
 
 def truth_options(command: AnyCommand) -> AnyCommand:
@@ -171,12 +138,6 @@ def _truth(context: click.Context, option: click.Parameter, text: str | None) ->
     return None if text is None else truth_file(text, context.meta[_UNITS], report)
 
 
-def columns(unknown: float = math.inf) -> float:
-    """How wide the terminal is, or COLUMNS says; without both, `unknown`."""
-    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "")
-    return shutil.get_terminal_size().columns if known else unknown
-
-
 def several(text: str, known: Sequence[str], option: str) -> list[str]:
     """The parts of a comma-separated option. Raises a usage error for one that is not known."""
     parts = [part.strip() for part in text.split(",")]
@@ -186,104 +147,3 @@ def several(text: str, known: Sequence[str], option: str) -> list[str]:
                 f"{part!r} is not one of {', '.join(known)}.", param_hint=option
             )
     return list(dict.fromkeys(parts))
-
-
-@contextlib.contextmanager
-def progress_bar(label: str | None = None) -> Iterator[Callable[[float, float], None]]:
-    """Gives what moves a bar on standard error: (time reached, whole duration), both in s.
-
-    The bar appears with the first call.
-    """
-    with contextlib.ExitStack() as stack:
-        bar: Any = None
-        shown = 0.0
-
-        def move(time: float, seconds: float) -> None:
-            nonlocal bar, shown
-            if bar is None:
-                length = max(1, round(10.0 * seconds))
-                bar = stack.enter_context(
-                    click.progressbar(length=length, label=label, file=stderr)
-                )
-            if time >= shown + 1.0:
-                bar.update(round(10.0 * (time - shown)))
-                shown = time
-
-        yield move
-
-
-@contextlib.contextmanager
-def step_bar(label: str, length: int) -> Iterator[Callable[[str], None]]:
-    """Gives what counts a step that is done, by its name: a bar on standard error.
-
-    Where that is no terminal, each tenth of the steps has a line.
-    """
-    done = 0
-
-    def count(name: str) -> None:
-        nonlocal done
-        done += 1
-        if done * 10 // length > (done - 1) * 10 // length:
-            click.echo(f"{label} {done} of {length}: {name}", err=True)
-
-    if not stderr.isatty():
-        yield count
-        return
-    with click.progressbar(
-        length=length, label=label, item_show_func=lambda name: name or "", file=stderr
-    ) as bar:
-        yield lambda name: bar.update(1, name)
-
-
-def write_json(path: Path | None, content: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Write figures to a file; None: nowhere. Where that fails, the command does after its work.
-
-    Numbers that are not finite are null. All commands have one envelope: schema, its version, the
-    command, and its `rows` (a list) or its `result`. To be called before the screen is written to:
-    that may be gone.
-    """
-    if path is None:
-        return
-    context = click.get_current_context()
-    kind = "result" if isinstance(content, Mapping) else "rows"
-    whole = {"schema": "swarmloc.figures", "version": 1, "command": _name(context), kind: content}
-    try:
-        text = json.dumps(_finite(whole), indent=1, allow_nan=False) + "\n"
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        failure = cannot_write(path, error, "choose another file")
-
-        def fail() -> None:
-            raise failure
-
-        context.call_on_close(fail)
-
-
-def _name(context: click.Context) -> str:
-    """The command's name without that of the program, however that was started."""
-    if context.parent is None:
-        return ""
-    return f"{_name(context.parent)} {context.info_name}".strip()
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, Mapping):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def listing(figures: Mapping[str, Any]) -> str:
-    """Figures one a line, their names aligned, in 80 columns or as many as there are."""
-    most = int(min(columns(), 80)) - 1
-    width = max(map(len, figures), default=0)
-    return "\n".join(
-        textwrap.fill(
-            f"  {name:{width}}  {value}",
-            most,
-            subsequent_indent=" " * min(width + 4, most // 2),
-            break_on_hyphens=False,
-        )
-        for name, value in figures.items()
-    )

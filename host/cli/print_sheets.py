@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
+from host.cli.files import OutputFile, check_writable, json_option, write_json
 from host.cli.options import robot_option
-from host.errors import cannot_write
 from host.perception.strips.sheet import PAPERS_MM, strip_sheet
 from host.sessions.robot import robot_configuration
 
@@ -31,23 +31,23 @@ Examples:
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     default=Path("strip.svg"),
     show_default=True,
     metavar="FILE",
     help="SVG file to write.",
 )
-def strip(robot_path: Path | None, paper: str, output: Path) -> None:
+@json_option
+def strip(robot_path: Path | None, paper: str, output: Path, json_path: Path | None) -> None:
     """Draw the strip that a teammate wears, to scale, by [camera.strip] of robot.toml.
 
     Print it in colour on matt paper at 100 %: its ruler must be 100 mm long.
     """
     worn = robot_configuration(robot_path).camera.strip
     sheet = strip_sheet(worn, paper)
-    try:
-        output.write_text(sheet, encoding="utf-8")
-    except OSError as error:
-        raise cannot_write(output, error, "choose another with --output") from error
+    check_writable(output)
+    output.write_text(sheet, encoding="utf-8")
+    write_json(json_path, {"output": str(output), "paper": paper, "strip": worn.model_dump()})
     click.echo(f"wrote {output}: a strip for one robot, {1000 * worn.diameter_m:g} mm thick")
     click.echo("open it in a browser and print it in colour on matt paper at 100 %, not fitted to")
     click.echo("the page; then measure its ruler: 100 mm (docs/cameras.md)")

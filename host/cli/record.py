@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from host.cli import options
+from host.cli.files import OutputFile, json_option, write_json
 from host.recording.log import SUFFIX
 from host.recording.repair import repair
 
@@ -18,17 +18,17 @@ Example:
 @click.option(
     "--repair",
     "damaged",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
     help="Copy everything readable into a new file, compressed and with an index.",
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path),
+    type=OutputFile(),
     metavar="FILE",
     help=f"The new file.  [default: today.repaired{SUFFIX} for today{SUFFIX}]",
 )
-@options.json_option
+@json_option
 def record(damaged: Path | None, output: Path | None, json_path: Path | None) -> None:
     """Repair a recording that was cut short or is damaged, into a new file.
 
@@ -42,5 +42,5 @@ def record(damaged: Path | None, output: Path | None, json_path: Path | None) ->
         "messages": repaired.messages,
         "records": repaired.records,
     }
-    options.write_json(json_path, figures)
+    write_json(json_path, figures)
     click.echo(f"{repaired.output}: {repaired.messages} messages; {repaired.fault}")

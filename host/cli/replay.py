@@ -6,9 +6,11 @@ from pathlib import Path
 import click
 
 from host.cli import options
+from host.cli.files import json_option, write_json
 from host.cli.terminal.console import State
 from host.cli.terminal.live_screen import NO_VIEW, address_given
 from host.cli.terminal.player import Player, play
+from host.cli.terminal.progress import progress_bar
 from host.cli.terminal.summary import summary
 from host.recording.log import SUFFIX, Recording
 from host.sessions.recordings.replaying import Replayed, replay_recording
@@ -37,13 +39,13 @@ Examples:
 )
 @click.option(
     "--speed",
-    type=options.Seconds(0.0, min_open=True),
+    type=options.Number(0.0, min_open=True),
     help="Show it on the screen at this speed; 1: as it was.",
 )
 @click.option(
     "--from",
     "start_s",
-    type=options.Seconds(0.0),
+    type=options.Number(0.0),
     metavar="SECONDS",
     default=0.0,
     help="With --speed or --view: start showing here; what came before is computed at once.",
@@ -59,7 +61,7 @@ Examples:
     callback=address_given,
     help="Show it on a web page at this address, with a time bar, until Ctrl-C.",
 )
-@options.json_option
+@json_option
 def replay(
     file: Path,
     robot_path: Path | None,
@@ -97,7 +99,7 @@ def replay(
 
     with contextlib.ExitStack() as stack:
         if speed is None and view in (None, NO_VIEW):
-            progress = stack.enter_context(options.progress_bar())
+            progress = stack.enter_context(progress_bar())
             show = [lambda *_: progress(100.0 * recording.share, 100.0)]
             done: Replayed | None = replay_recording(recording, robot, sensors, show, from_bytes)
         else:
@@ -113,6 +115,6 @@ def replay(
         raise click.Abort
     if done is None:
         return
-    options.write_json(json_path, done.figures)
+    write_json(json_path, done.figures)
     click.echo(summary(done.figures))
     done.check()

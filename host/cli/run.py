@@ -12,6 +12,7 @@ import click
 
 from host.behaviour.stick import Stick
 from host.cli import options
+from host.cli.files import json_option, write_json
 from host.cli.terminal.live_screen import (
     NO_VIEW,
     check_failures,
@@ -73,15 +74,10 @@ Examples:
 )
 @click.option(
     "--seconds",
-    type=options.Seconds(0.1),
+    type=options.Number(0.1),
     help="Stop after this time, s.  [default: the scenario's seconds if given, else never]",
 )
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Record measurements and estimates into FILE (.mcap).",
-)
+@options.record_option
 @click.option(
     "--pictures",
     is_flag=True,
@@ -101,7 +97,7 @@ Examples:
 )
 @foxglove_option
 @options.filter_option
-@options.json_option
+@json_option
 def run(
     robot_path: Path | None,
     scenario: str | None,
@@ -144,7 +140,7 @@ def run(
         if foxglove is not None:
             viewers["foxglove"] = stack.enter_context(FoxgloveServer(rig.config, *foxglove))
         outcome = show_run(rig, seconds, record, viewers, driving)
-    options.write_json(json_path, outcome.figures)
+    write_json(json_path, outcome.figures)
     click.echo(summary(outcome.figures))
     check_failures(outcome)
     _check_measured(outcome.figures)

@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
+from host.cli.files import OutputFile, json_option, write_json
+from host.cli.terminal.progress import progress_bar
 from host.cli.terminal.summary import written
 from host.recording.log import SUFFIX
 from host.sessions.recordings.simulating import simulate_to_recording
@@ -22,7 +24,7 @@ Example:
 @click.argument("scenario", shell_complete=completion.scenarios)
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     required=True,
     metavar="FILE",
     help=f"Recording to write ({SUFFIX}).",
@@ -35,7 +37,7 @@ Example:
     help="Sensors of the robot besides the wheels.",
 )
 @options.robot_option
-@options.json_option
+@json_option
 def simulate(
     scenario: str, output: Path, sensors: str, robot_path: Path | None, json_path: Path | None
 ) -> None:
@@ -44,8 +46,8 @@ def simulate(
     SCENARIO is arena4, swarm20, furnished6, misbuilt4, ... with settings as in
     arena4:seconds=60,seed=1,robots=6 (docs/scenarios.md).
     """
-    with options.progress_bar() as progress:
+    with progress_bar() as progress:
         robot = robot_configuration(robot_path)
         figures = simulate_to_recording(scenario, output, robot, progress, sensors)
-    options.write_json(json_path, figures)
+    write_json(json_path, figures)
     click.echo(written(figures))

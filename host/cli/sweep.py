@@ -8,17 +8,17 @@ from pathlib import Path
 import click
 
 from host.cli import completion, options
-from host.cli.terminal.table import parts
+from host.cli.files import OutputFile, check_writable, json_option, write_json
+from host.cli.terminal.layout import columns, parts
+from host.cli.terminal.progress import step_bar
 from host.errors import UserError
 from host.experiments import trials
 from host.experiments.intervals import Mean, Summary, summaries
 from host.experiments.records import Records
 from host.experiments.sweeping import check_installed, sweep
 from host.experiments.trials import Trial
-from host.registry import FILTERS
 from host.sessions.offline.evaluating import check_source
 from host.sessions.robot import robot_configuration
-from host.sources.sensors import SENSORS
 
 _HELP = """Score filters on every SOURCE with every seed and every combination of settings.
 
@@ -27,6 +27,7 @@ interrupted. It uses all cores of this computer, or a dask scheduler that runs a
 workers need this version of swarmloc and see the same files. The table has the mean over the seeds
 and its 95 % confidence interval (Student's t).
 """
+_MOST_SEEDS = 100_000
 # Key, heading with the unit, decimals, scale.
 _FIGURES = (
     ("gospa_m", "GOSPA m", 4, 1.0),
@@ -46,6 +47,8 @@ def _numbers(context: click.Context, option: click.Parameter, text: str) -> list
         bounds = (first, last if dash else first)
         if not all(each.isdecimal() for each in bounds) or int(bounds[0]) > int(bounds[1]):
             raise click.BadParameter(f"{part!r} is no seed and no range of seeds, as 21-30 is.")
+        if int(bounds[1]) - int(first) >= _MOST_SEEDS:
+            raise click.BadParameter(f"{part!r} are more than {_MOST_SEEDS} seeds.")
         found += range(int(first), int(bounds[1]) + 1)
     return list(dict.fromkeys(found))
 
@@ -69,21 +72,14 @@ Examples:
     metavar="SOURCE...",
 )
 @click.option(
-    "--seeds", default="", callback=_numbers, help="Seeds of each scenario, e.g. 21-30 or 1,5,9."
+    "--seeds",
+    default="",
+    callback=_numbers,
+    metavar="SEEDS",
+    help="Seeds of each scenario, e.g. 21-30 or 1,5,9.  [default: the scenario's own]",
 )
-@click.option(
-    "--filters",
-    shell_complete=completion.filters,
-    default="phd,clairvoyant",
-    show_default=True,
-    help=f"Filters to score: {', '.join(FILTERS.names())}.",
-)
-@click.option(
-    "--sensors",
-    default="lidar+camera,lidar",
-    show_default=True,
-    help="Sensors to use, each choice by itself; data sets have their own.",
-)
+@options.filters_option("phd,clairvoyant")
+@options.sensors_option
 @click.option(
     "--set",
     "settings",
@@ -94,7 +90,7 @@ Examples:
 @options.robot_or_recordings_option
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     default="sweep.jsonl",
     show_default=True,
     metavar="FILE",
@@ -106,14 +102,14 @@ Examples:
     type=click.IntRange(min=1),
     help="Processes on this computer.  [default: one per core]",
 )
-@options.json_option
+@json_option
 @click.pass_context
 def sweep_command(
     context: click.Context,
     sources: Sequence[str],
     seeds: Sequence[int],
-    filters: str,
-    sensors: str,
+    filters: list[str],
+    sensors: list[str],
     settings: Sequence[str],
     robot_path: Path | None,
     output: Path,
@@ -125,20 +121,21 @@ def sweep_command(
     check_installed()
     every = trials.grid(
         trials.seeded(sources, seeds),
-        options.several(filters, FILTERS.names(), "--filters"),
-        options.several(sensors, SENSORS, "--sensors"),
+        filters,
+        sensors,
         [trials.parse_setting(text) for text in settings],
         None if robot_path is None else robot_configuration(robot_path),
     )
     for trial in every:  # what is mistyped fails before anything is computed
         check_source(trial.source)
         trial.config()
+    check_writable(output)
     records = Records(output)
     plugins = context.find_root().params.get("plugins", ())
     _run(every, records, output, scheduler, workers, plugins)
     found = summaries(records.of(every))
-    options.write_json(json_path, [summary.as_json() for summary in found])
-    click.echo(table(found, options.columns(80)))
+    write_json(json_path, [summary.as_json() for summary in found])
+    click.echo(table(found, columns(80)))
 
 
 def _run(
@@ -153,7 +150,7 @@ def _run(
     if done:
         click.echo(f"{done} of {len(every)} trials are in {output} already", err=True)
     try:
-        with options.step_bar("trials", len(every) - done) as step:
+        with step_bar("trials", len(every) - done) as step:
             sweep(every, records, step, scheduler, workers, plugins)
     except KeyboardInterrupt as interrupt:
         raise UserError(

@@ -10,9 +10,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from host.cli import options
 from host.cli.main import main
-from host.cli.terminal.table import parts, table
+from host.cli.terminal.layout import columns, listing, parts, table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import DeviceBytes, Estimate, Health, Truth
@@ -340,8 +339,8 @@ def test_a_row_of_which_no_column_fits_is_a_paragraph():
 
 def test_columns_are_those_of_the_environment_where_there_is_no_terminal(monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
-    assert options.columns() == math.inf
+    assert columns() == math.inf
     monkeypatch.setenv("COLUMNS", "60")
-    assert options.columns() == 60
-    figures = options.listing({"a name": "word " * 30, "other": 1})
+    assert columns() == 60
+    figures = listing({"a name": "word " * 30, "other": 1})
     assert max(map(len, figures.splitlines())) < 60

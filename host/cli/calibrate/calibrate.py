@@ -15,7 +15,8 @@ from host.cli.calibrate import gathering
 from host.cli.calibrate.ceiling import ceiling
 from host.cli.calibrate.checkerboard import board_option, boards_option, lenses
 from host.cli.calibrate.colour import colour
-from host.cli.calibrate.fitting import Fitting, fit_options
+from host.cli.calibrate.fitting import Fitting, all_of, fit_options, result_options
+from host.cli.files import write_json
 from host.config import Mocap, Wheels
 from host.errors import UserError
 from host.recording.elsewhere import optiodom
@@ -221,7 +222,7 @@ Example:
   swarmloc calibrate all drive.mcap --robot robot.toml""",
 )
 @click.argument("source")
-@fit_options("all")
+@all_of(result_options("all"), options.truth_options)
 def everything(source: str, report_path: Path, json_path: Path | None, **common: Any) -> None:
     """Fit wheels, lidar and cameras to one drive, then these together, then detection.
 
@@ -238,4 +239,4 @@ def everything(source: str, report_path: Path, json_path: Path | None, **common:
     try:
         sequence.run()
     finally:
-        options.write_json(json_path, sequence.results)
+        write_json(json_path, sequence.results)

@@ -41,7 +41,7 @@ Examples:
 @board_option
 @click.option(
     "--seconds",
-    type=options.Seconds(1.0),
+    type=options.Number(1.0),
     help="Duration of the live pictures, s.  [default: until Ctrl-C]",
 )
 @result_options("ceiling")
@@ -61,7 +61,7 @@ def ceiling(
     Move a tag through the whole view, level and at its usual height. The pictures are taken live,
     or from --pictures. SOURCE is a recorded drive under this camera; the delay is fitted to it.
     """
-    fitting = Fitting(robot_path, None, None, None, report_path, accept, json_path)
+    fitting = Fitting(robot_path, report_path, accept, json_path)
     configured = robot_configuration(robot_path).mocap.ceiling
     parts: list[Calibration] = []
     if pictures is not None or boards is not None or source is None:

@@ -14,6 +14,7 @@ from host.calibration.camera import colour as strip_colour
 from host.calibration.camera.colour import Box
 from host.calibration.camera.colour_verdict import LEARNT, SearchedPicture, judged, searched
 from host.cli.calibrate.fitting import Fitting, result_options
+from host.cli.files import OutputFile
 from host.config import Camera, Cameras, Strip
 from host.errors import UserError, cannot_write
 from host.messages import Image
@@ -62,9 +63,10 @@ def _box(text: str) -> Box:
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     default=Path("annotated.png"),
     show_default=True,
+    metavar="FILE",
     help="Picture of what is detected; further pictures get -2, -3, ...",
 )
 @result_options("colour")
@@ -90,7 +92,7 @@ def colour(
             f"{len(boxes)} for {len(images)} picture(s): give one each, or none.",
             param_hint="--box",
         )
-    fitting = Fitting(robot_path, None, None, None, report_path, accept, json_path)
+    fitting = Fitting(robot_path, report_path, accept, json_path)
     cameras = robot_configuration(robot_path).camera
     camera: Camera = getattr(cameras, camera_name)
     jpegs = [strip_colour.read_picture(path) for path in images]

@@ -15,6 +15,8 @@ from host.calibration.report import text as figures
 from host.calibration.result import Calibration
 from host.cli import options
 from host.cli.calibrate import gathering
+from host.cli.files import OutputFile, check_writable, json_option, write_json
+from host.cli.terminal.layout import columns
 from host.errors import UserError
 from host.recording.log import SUFFIX
 from host.sessions.calibrating.gathering import Advice
@@ -30,7 +32,7 @@ FC = TypeVar("FC", bound=Callable[..., Any] | click.Command)
 
 def result_options(kind: str) -> Callable[[FC], FC]:
     """Where every fit begins, and where it goes: robot.toml, report and figures."""
-    return _all_of(
+    return all_of(
         click.option(
             "--robot",
             "robot_path",
@@ -42,30 +44,30 @@ def result_options(kind: str) -> Callable[[FC], FC]:
         click.option(
             "--report",
             "report_path",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=OutputFile(),
             default=Path(f"calibration-{kind}.html"),
             show_default=True,
             metavar="FILE",
             help="HTML report to write.",
         ),
         click.option("--accept", is_flag=True, help="Write the fit even if a check fails."),
-        options.json_option,
+        json_option,
     )
 
 
 def fit_options(kind: str) -> Callable[[FC], FC]:
     """The options of every fit to a drive."""
-    return _all_of(
+    return all_of(
         result_options(kind),
         options.simulate_option("Without SOURCE: use simulated devices.", "misbuilt4"),
         click.option(
             "--seconds",
-            type=options.Seconds(1.0),
+            type=options.Number(1.0),
             help="Without SOURCE: stop after this time, s.  [default: at Ctrl-C]",
         ),
         click.option(
             "--record",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=OutputFile(),
             metavar="FILE",
             help="Without SOURCE: file to record the drive in.  [default: drive-DATE-TIME.mcap]",
         ),
@@ -79,7 +81,7 @@ def fit_options(kind: str) -> Callable[[FC], FC]:
     )
 
 
-def _all_of(*choices: Callable[[FC], FC]) -> Callable[[FC], FC]:
+def all_of(*choices: Callable[[FC], FC]) -> Callable[[FC], FC]:
     """Several options as one, in their order."""
 
     def decorate(command: FC) -> FC:
@@ -96,12 +98,12 @@ class Fitting:
     def __init__(
         self,
         robot_path: Path | None,
-        scenario: str | None,
-        seconds: float | None,
-        record: Path | None,
         report_path: Path,
         accept: bool,
         json_path: Path | None,
+        scenario: str | None = None,
+        seconds: float | None = None,
+        record: Path | None = None,
         truth: TruthFile | None = None,
         drives: bool = False,
     ) -> None:
@@ -116,7 +118,7 @@ class Fitting:
         # At once: after a drive it would be too late.
         if robot_path is not None:
             robot_file.check_writable(robot_path)
-        options.check_writable(report_path)
+        check_writable(report_path)
 
     def gather(
         self,
@@ -173,9 +175,9 @@ class Fitting:
         date = datetime.date.today().isoformat()
         robot = "a Cherokey" if self.robot_path is None else str(self.robot_path)
         content = {**figures.as_json(calibration, source, date), **more}
-        options.write_json(self._json_path, content)
+        write_json(self._json_path, content)
         report.write_html(self._report_path, calibration, source, date, robot)
-        click.echo(figures.as_text(calibration, options.columns()))
+        click.echo(figures.as_text(calibration, columns()))
         click.echo(f"report: {self._report_path}")
         if calibration.failures and not self._accept:
             raise UserError(

@@ -11,8 +11,7 @@ import click
 from host.behaviour.survey import Survey
 from host.calibration import chain
 from host.calibration.gathered import Gathered
-from host.cli import options
-from host.cli.options import progress_bar
+from host.cli.terminal.progress import progress_bar, stderr
 from host.cli.terminal.signals import signals_caught
 from host.errors import one_line
 from host.sessions.calibrating.gathering import (
@@ -89,7 +88,7 @@ def live(
                 watch_every_s=_LOOK_EVERY_S,
                 driver=driving,
             )
-        if options.stderr.isatty():
+        if stderr.isatty():
             click.echo(err=True)
     # What was driven is fitted in any case: the verdict shows whether it is enough.
     for name, error in outcome.failures.items():
@@ -103,7 +102,7 @@ def _show(seconds: float, drive: DriveWatch) -> None:
     """One line: the time, a device that is down, or what the drive still lacks."""
     text = "; ".join(drive.missing()) or "enough data: press Ctrl-C to fit"
     line = f"{seconds:5.0f} s  {text}"
-    if options.stderr.isatty():
+    if stderr.isatty():
         # What is written over must not be wrapped.
         line = textwrap.shorten(line, shutil.get_terminal_size().columns - 1, placeholder=" ...")
         click.echo(f"\r\x1b[K{line}", nl=False, err=True)

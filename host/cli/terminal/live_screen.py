@@ -22,6 +22,7 @@ from host.viewer.scene import Scene
 from host.viewer.server import Viewer
 
 NO_VIEW = ("", 0)
+_LAST_PORT = 65535
 JOURNAL_S = 60.0  # between two lines of a service
 
 
@@ -31,15 +32,19 @@ def address_given(
     """(address, port) of ADDRESS:PORT, NO_VIEW of "none"; None where nothing is given."""
     if value is None:
         return None
-    if value == "none":
+    if value == "none" and param.name == "view":
         return NO_VIEW
     host, _, port = value.rpartition(":")
     try:
-        return str(ipaddress.ip_address(host.strip("[]"))), int(port)
+        address = ipaddress.ip_address(host.strip("[]"))
     except ValueError:
+        address = None
+    if address is None or not port.isdecimal() or int(port) > _LAST_PORT:
         raise click.BadParameter(
-            f"{value!r} is neither like 127.0.0.1:8737 or [::1]:8737 nor none."
-        ) from None
+            f"{value!r} is no address with a port up to {_LAST_PORT}, as 127.0.0.1:8737 or "
+            "[::1]:8737."
+        )
+    return str(address), int(port)
 
 
 view_option = click.option(

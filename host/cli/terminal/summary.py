@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from host.cli.options import listing
+from host.cli.terminal.layout import listing
 from host.errors import one_line
 from host.evaluation.truth_scoring import RANGE_M, WARM_UP_S
 

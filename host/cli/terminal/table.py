@@ -5,7 +5,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 
-from host.cli.options import listing
+from host.cli.terminal.layout import listing, parts
 from host.evaluation.metrics import Row
 from host.systems.catalogue import SystemRow
 
@@ -61,34 +61,6 @@ def _block(source: str, rows: Sequence[Row], columns: float) -> list[str]:
         *(_cells(row, best.get((row.observer, row.sensors), math.nan)) for row in rows),
     ]
     return [f"{source}   {rows[-1].seconds:.0f} s scored", *parts(left, figures, columns)]
-
-
-def parts(left: Sequence[str], cells: Sequence[Sequence[str]], columns: float) -> list[str]:
-    """Lines of a table, in parts below each other that are as wide as the terminal allows.
-
-    left (n,): what stands at the left of every part; cells (n, m): each as wide as its column. The
-    first of both are headings. Where not even one column fits, each row is a paragraph.
-    """
-    if len(left[0]) + max(map(len, cells[0])) >= columns:
-        return _paragraphs(left, cells, int(columns) - 1)
-    lines, begin, count = [], 0, len(cells[0])
-    while begin < count:
-        end = begin + 1
-        while end < count and len(left[0] + "".join(cells[0][begin : end + 1])) < columns:
-            end += 1
-        lines += [who + "".join(row[begin:end]) for who, row in zip(left, cells, strict=True)]
-        begin = end
-    return lines
-
-
-def _paragraphs(left: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[str]:
-    lines = []
-    for who, row in zip(left[1:], cells[1:], strict=True):
-        named = [f"{name.strip()} {cell.strip()}" for name, cell in zip(cells[0], row, strict=True)]
-        text = ", ".join(named)
-        lines += [f"  {' '.join(who.split())}"[:width]]
-        lines += textwrap.wrap(text, width, initial_indent="    ", subsequent_indent="    ")
-    return lines
 
 
 def _cells(row: Row, limit: float) -> list[str]:
