@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from host.cli.main import main
-from host.cli.terminal.layout import columns, listing, parts, table
+from host.cli.terminal.layout import columns, listing, parts
+from host.cli.terminal.table import table
 from host.config import RobotConfig
 from host.evaluation.metrics import Accumulator
 from host.messages import DeviceBytes, Estimate, Health, Truth
