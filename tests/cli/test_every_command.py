@@ -14,23 +14,20 @@ from host.cli.main import main
 from host.cli.options import Number
 
 
-def commands(group: click.Group = main, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    for name, command in group.commands.items():
+def commands(
+    group: click.Group = main, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
         if isinstance(command, click.Group):
             yield from commands(command, (*path, name))
         else:
-            yield (*path, name)
+            yield (*path, name), command
 
 
-EVERY = list(commands())
-
-
-def command_of(path: tuple[str, ...]) -> click.Command:
-    found: click.Command = main
-    for name in path:
-        assert isinstance(found, click.Group)
-        found = found.commands[name]
-    return found
+EVERY = dict(commands())
 
 
 def refusal(*arguments: str) -> str:
@@ -41,7 +38,7 @@ def refusal(*arguments: str) -> str:
 
 @pytest.mark.parametrize("path", EVERY, ids=" ".join)
 def test_each_command_has_json_help_and_an_example(path: tuple[str, ...]) -> None:
-    command = command_of(path)
+    command = EVERY[path]
     (option,) = [each for each in command.params if each.opts == ["--json"]]
     assert isinstance(option.type, OutputFile)
     assert "Example" in f"{command.help}{command.epilog}"
@@ -52,16 +49,16 @@ def test_each_command_has_json_help_and_an_example(path: tuple[str, ...]) -> Non
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1", "1e400", "five", ""])
 def test_no_option_takes_what_is_no_number(value: str) -> None:
-    for path in EVERY:
-        for option in command_of(path).params:
+    for path, command in EVERY.items():
+        for option in command.params:
             if isinstance(option.type, Number):
                 refusal(*path, option.opts[0], value)
 
 
 @pytest.mark.parametrize("value", ["-", "", "."])
 def test_no_file_is_written_that_has_no_name(value: str) -> None:
-    for path in EVERY:
-        for option in command_of(path).params:
+    for path, command in EVERY.items():
+        for option in command.params:
             if isinstance(option, click.Option) and isinstance(option.type, OutputFile):
                 said = refusal(*path, option.opts[0], value)
                 assert re.search("names no file|is a directory", said), said
