@@ -8,7 +8,7 @@ by a prior that the covariance includes.
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,10 +26,10 @@ from host.calibration.camera.model import (
     row_of,
     slopes,
 )
+from host.calibration.camera.noise import Noise, Whitening, measured
 from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, Strips
 from host.calibration.camera.search import likely_starts
 from host.calibration.camera.uncertainty import covariance_of
-from host.calibration.robust.statistics import plane_sigma
 from host.config import Camera, Cameras
 from host.messages import BoolArray, FloatArray
 from host.perception.lens import Lens
@@ -41,9 +41,11 @@ _SHIFT_S = 0.02  # over which velocities are taken
 
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
-_GATE_SIGMAS, _LEAST_NOISE = 4.0, 0.1
+_GATE_SIGMAS, _STEPS = 4.0, 4
 _BORDER_PX = 5.0  # a blurred edge, and a reduced pixel
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
+
+Weighing = Callable[[FloatArray], FloatArray]  # of errors (k, 2) and of their derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +53,15 @@ class CameraFit:
     """Both cameras as fitted.
 
     values (23,): those named by NAMES for each of CAMERAS, then the delay found (s). covariance
-    (23, 23). used (n,): pairs that the fit rests upon. noise: what errors are, in units of the
-    pairs' sigmas. cameras: what the values say. fitted (2,): whether a camera had enough pairs;
-    one that had not is as it was.
+    (23, 23). used (n,): pairs that the fit rests upon. noise: of their errors. cameras: what the
+    values say. fitted (2,): whether a camera had enough pairs; one that had not is as it was.
     """
 
     values: FloatArray
     covariance: FloatArray
     pairs: Pairs
     used: BoolArray
-    noise: float
+    noise: Noise
     cameras: tuple[Camera, Camera]
     fitted: tuple[bool, bool]
 
@@ -213,14 +214,17 @@ class CameraProblem:
             for _ in range(_ROUNDS):
                 pairs = self.pair(values)
                 free = self._known(pairs.paired)
-                values = self._solve(values, pairs, self._weights(values, pairs, gate), free, 4)
-        noise = gates[-1] / _GATE_SIGMAS
+                weights = self._weights(values, pairs, gate)
+                values = self._solve(values, pairs, weights > 0.0, _scaled(pairs, weights), free)
+        noise = Noise(gates[-1] / _GATE_SIGMAS)
         used = np.zeros(0, dtype=bool)
         for _ in range(3 * _ROUNDS):
             pairs, used = self.chosen(values, noise)
             free = self._known(used)
-            values = self._solve(values, pairs, used / noise, free, 4)
-            noise = self.noise(values, pairs, used, free) if used.any() else noise
+            if used.any():
+                independent = Whitening(values, pairs, used, noise)
+                values = self._solve(values, pairs, used, independent, free)
+                noise = measured(values, pairs, used, free, noise)
         # What a camera without pairs enough went through on the way is worth nothing.
         fitted = [bool(free[len(NAMES) * n + LENS_NAMES]) for n in range(len(CAMERAS))]
         for number, enough in enumerate(fitted):
@@ -229,11 +233,18 @@ class CameraProblem:
         used &= np.array(fitted)[self.strips.cameras]
         return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
 
-    def chosen(self, values: FloatArray, noise: float) -> tuple[Pairs, BoolArray]:
-        """The pairs by `values`, and which of them (n,) are right, by a noise that they have."""
+    def chosen(self, values: FloatArray, noise: Noise) -> tuple[Pairs, BoolArray]:
+        """The pairs by `values`, and which of them (n,) are right, by a noise that they have.
+
+        First by themselves, then relative to the others of their instant: a strip that is partly
+        hidden is hardly off by itself.
+        """
         pairs = self.pair(values)
-        off = off_by(values, pairs)
-        return pairs, pairs.paired & (off < _GATE_SIGMAS * noise)
+        near = off_by(values, pairs) < _GATE_SIGMAS * noise.of_each(values, pairs)
+        used = pairs.paired & near
+        off = Whitening(values, pairs, used, noise)(errors(values, pairs)[used])
+        used[used] = np.hypot(*off.T) < _GATE_SIGMAS
+        return pairs, used
 
     def _known(self, paired: BoolArray) -> BoolArray:
         """Which values to fit: those of cameras with pairs enough."""
@@ -250,19 +261,10 @@ class CameraProblem:
         inside = pairs.paired & (off < gate)
         return np.where(inside, 1.0 / np.sqrt(1.0 + (off / soft) ** 2), 0.0) / soft
 
-    def noise(self, values: FloatArray, pairs: Pairs, used: BoolArray, free: BoolArray) -> float:
-        """Of the pairs `used` (n,), in units of their sigmas; free (23,): values fitted to them."""
-        off = off_by(values, pairs)[used]
-        # Each value fitted takes a little of the noise with it.
-        left = max(2.0 * len(off) - np.count_nonzero(free), 0.5 * len(off)) / (2.0 * len(off))
-        return max(plane_sigma(off) / math.sqrt(left), _LEAST_NOISE)
-
     def _solve(
-        self, start: FloatArray, pairs: Pairs, weights: FloatArray, free: BoolArray, steps: int
+        self, start: FloatArray, pairs: Pairs, used: BoolArray, weighed: Weighing, free: BoolArray
     ) -> FloatArray:
-        """Values that draw the pairs where they were seen; weights (n,): roots of theirs."""
-        chosen = weights > 0.0
-        scale = np.repeat((weights / pairs.sigmas)[chosen], 2)
+        """Values that draw the pairs `used` (n,) where they were seen, after a few steps."""
         prior = np.diag(1.0 / self.spread)[free][:, free]
 
         def whole(part: FloatArray) -> FloatArray:
@@ -272,16 +274,16 @@ class CameraProblem:
 
         def misses(part: FloatArray) -> FloatArray:
             values = whole(part)
-            drawn = errors(values, pairs)[chosen].ravel() * scale
+            drawn = weighed(errors(values, pairs)[used]).ravel()
             return np.concatenate((drawn, ((values - self.mean) / self.spread)[free]))
 
         def jacobian(part: FloatArray) -> FloatArray:
-            rows = slopes(whole(part), pairs)[chosen].reshape(len(scale), -1)
-            return np.concatenate((rows[:, free] * scale[:, None], prior))
+            rows = weighed(slopes(whole(part), pairs)[used][:, :, free])
+            return np.concatenate((rows.reshape(-1, rows.shape[2]), prior))
 
-        if not free.any() or not chosen.any():
+        if not free.any() or not used.any():
             return start
-        found = least_squares(misses, start[free], jac=jacobian, x_scale="jac", max_nfev=steps)
+        found = least_squares(misses, start[free], jac=jacobian, x_scale="jac", max_nfev=_STEPS)
         return whole(found.x)
 
     def _result(
@@ -289,7 +291,7 @@ class CameraProblem:
         values: FloatArray,
         pairs: Pairs,
         used: BoolArray,
-        noise: float,
+        noise: Noise,
         free: BoolArray,
         fitted: tuple[bool, bool],
     ) -> CameraFit:
@@ -298,3 +300,9 @@ class CameraProblem:
             covariance = covariance_of(covariance, values, pairs, used, noise, free)
         first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
         return CameraFit(values, covariance, pairs, used, noise, (first, second), fitted)
+
+
+def _scaled(pairs: Pairs, weights: FloatArray) -> Weighing:
+    """Strips by themselves; weights (n,): square roots of theirs, of those used above 0."""
+    scale = (weights / pairs.sigmas)[weights > 0.0]
+    return lambda rows: np.asarray((rows.T * scale).T)

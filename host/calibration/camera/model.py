@@ -19,6 +19,7 @@ LENS_NAMES = 5  # the first so many are the lens, the others its mounting
 STEPS = np.array([1e-2, 1e-2, 1e-2, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6])
 _DELAY_STEP_S = 1e-4
 _HIGHER_M = 1e-4
+_ROTATION_RAD = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,15 @@ def upward(values: FloatArray, pairs: Pairs) -> FloatArray:
     higher = dataclasses.replace(pairs, points=pairs.points + np.array([0.0, 0.0, _HIGHER_M]))
     moved = errors(values, higher) - errors(values, pairs)
     return np.asarray(moved / np.maximum(np.hypot(*moved.T), 1e-12)[:, None])
+
+
+def rotated(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """Derivatives (n, 2) px/rad of the errors by a rotation of all teammates about the robot."""
+    around = np.stack(
+        (-pairs.points[:, 1], pairs.points[:, 0], np.zeros(len(pairs.points))), axis=1
+    )
+    moved = dataclasses.replace(pairs, points=pairs.points + _ROTATION_RAD * around)
+    return np.asarray((errors(values, moved) - errors(values, pairs)) / _ROTATION_RAD)
 
 
 def slopes(values: FloatArray, pairs: Pairs) -> FloatArray:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from host.calibration.camera.model import NAMES, Pairs, errors, row_of, slopes, upward
+from host.calibration.camera.noise import Noise, Whitening
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.robust.statistics import bent_factor, correlation_factor, sandwich
 from host.messages import BoolArray, FloatArray
@@ -21,24 +22,23 @@ def covariance_of(
     values: FloatArray,
     pairs: Pairs,
     used: BoolArray,
-    noise: float,
+    noise: Noise,
     free: BoolArray,
 ) -> FloatArray:
     """Covariance (23, 23) of the values (23,) that were fitted to the pairs `used` (n,).
 
-    prior (23, 23): diagonal, what those that are not `free` (23,) keep. noise: of the pairs, in
-    units of their sigmas.
+    prior (23, 23): diagonal, what those that are not `free` (23,) keep. noise: of the pairs.
     """
-    scale = noise * pairs.sigmas[used]
-    rows = slopes(values, pairs)[used][:, :, free] / scale[:, None, None]
-    off = errors(values, pairs)[used] / scale[:, None]
+    independent = Whitening(values, pairs, used, noise)
+    rows = independent(slopes(values, pairs)[used][:, :, free])
+    off = independent(errors(values, pairs)[used])
     held = np.diag(1.0 / np.diag(prior)[free])
     inverse = np.asarray(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + held))
     gains = np.einsum("nij,ni->nj", rows, off)
     middle = scatter_of(pairs.strips.times[used], gains, rows, inverse) + held
     # What is wrong alike in all pictures moves the fit as a whole.
-    up = upward(values, pairs)[used]
-    pulled = LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up / scale[:, None])
+    up = independent(upward(values, pairs)[used])
+    pulled = LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up)
     covariance = prior.copy()
     covariance[np.ix_(free, free)] = sandwich(inverse, middle) + np.outer(pulled, pulled)
     return np.asarray(covariance + unseen(values, free))

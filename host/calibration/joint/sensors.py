@@ -13,6 +13,7 @@ import numpy as np
 
 from host.calibration.camera.fit import CameraFit, CameraProblem
 from host.calibration.camera.model import NAMES, errors, slopes, upward
+from host.calibration.camera.noise import Whitening, measured
 from host.calibration.camera.pairs import Captured
 from host.calibration.camera.uncertainty import BLOCK_S, LOW_PX
 from host.calibration.gathered import Tracks
@@ -122,8 +123,8 @@ class CameraEvidence:
         pairs, used = problem.chosen(own, self._noise)
         used &= self._fitted[pairs.strips.cameras]
         free = np.append(np.repeat(self._fitted, len(NAMES)), True)
-        self._noise = problem.noise(own, pairs, used, free)
-        scale = self._noise * pairs.sigmas[used]
+        self._noise = measured(own, pairs, used, free, self._noise)
+        independent = Whitening(own, pairs, used, self._noise)
         cameras, times = pairs.strips.cameras[used], pairs.strips.times[used]
         own_rows = slopes(own, pairs)[used]
         who = tracks.identities[pairs.mates[used]]
@@ -131,10 +132,10 @@ class CameraEvidence:
         moved = self._unknowns.slopes_of_places(tracks, values, who, times - own[-1], places)
         rows = np.einsum("nij,njk->nik", _by_point(own_rows, cameras), moved)
         rows[:, :, part] = own_rows
-        rows /= scale[:, None, None]
-        off = errors(own, pairs)[used] / scale[:, None]
+        rows = independent(rows)
+        off = independent(errors(own, pairs)[used])
         scores = np.einsum("nij,ni->nj", rows, off)
-        common = LOW_PX * np.einsum("nij,ni->j", rows, upward(own, pairs)[used] / scale[:, None])
+        common = LOW_PX * np.einsum("nij,ni->j", rows, independent(upward(own, pairs)[used]))
         return _correlated(times, scores, rows, BLOCK_S, common)
 
 
