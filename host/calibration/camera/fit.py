@@ -8,7 +8,7 @@ by a prior that the covariance includes.
 
 import copy
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,15 @@ from host.calibration.camera.model import (
     row_of,
     slopes,
 )
-from host.calibration.camera.noise import Noise, Whitening, measured
+from host.calibration.camera.noise import (
+    GATE_SIGMAS,
+    Noise,
+    Weighing,
+    Whitening,
+    likely,
+    measured,
+    softened,
+)
 from host.calibration.camera.pairs import CAMERAS, LEAST_PAIRS, Reference, Strips
 from host.calibration.camera.search import likely_starts
 from host.calibration.camera.uncertainty import covariance_of
@@ -41,11 +49,9 @@ _SHIFT_S = 0.02  # over which velocities are taken
 
 _GATES = (150.0, 70.0, 35.0, 18.0, 9.0)  # of pairs, px
 _ROUNDS = 2  # of weighing and solving at one gate
-_GATE_SIGMAS, _STEPS = 4.0, 4
+_STEPS = 4  # of a solution
 _BORDER_PX = 5.0  # a blurred edge, and a reduced pixel
 _FARTHEST_RAD, _MARGIN_PX = math.radians(115.0), 150.0  # where a strip may be drawn at all
-
-Weighing = Callable[[FloatArray], FloatArray]  # of errors (k, 2) and of their derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +162,8 @@ class CameraProblem:
         paired &= np.isfinite(speed).all(axis=1) & ~self._cut(values, chosen)
         speed[~paired], chosen[~paired] = 0.0, (1.0, 0.0, 0.0)
         sigmas = np.hypot(1.0, self._reference.noise_m * self._px_per_m(values, chosen))
-        return Pairs(self.strips, chosen, speed, sigmas, paired, nearest, delay)
+        headings = np.where(paired, self._reference.headings(times), 0.0)
+        return Pairs(self.strips, chosen, speed, sigmas, paired, nearest, headings, delay)
 
     def _cut(self, values: FloatArray, points: FloatArray) -> BoolArray:
         """Which strips (n,) at `points` (n, 3) m the border of the picture cuts.
@@ -214,9 +221,8 @@ class CameraProblem:
             for _ in range(_ROUNDS):
                 pairs = self.pair(values)
                 free = self._known(pairs.paired)
-                weights = self._weights(values, pairs, gate)
-                values = self._solve(values, pairs, weights > 0.0, _scaled(pairs, weights), free)
-        noise = Noise(gates[-1] / _GATE_SIGMAS)
+                values = self._solve(values, pairs, *softened(values, pairs, gate), free)
+        noise = Noise(gates[-1] / GATE_SIGMAS)
         used = np.zeros(0, dtype=bool)
         for _ in range(3 * _ROUNDS):
             pairs, used = self.chosen(values, noise)
@@ -234,17 +240,9 @@ class CameraProblem:
         return self._result(values, pairs, used, noise, free, (fitted[0], fitted[1]))
 
     def chosen(self, values: FloatArray, noise: Noise) -> tuple[Pairs, BoolArray]:
-        """The pairs by `values`, and which of them (n,) are right, by a noise that they have.
-
-        First by themselves, then relative to the others of their instant: a strip that is partly
-        hidden is hardly off by itself.
-        """
+        """The pairs by `values`, and which of them (n,) are right, by a noise that they have."""
         pairs = self.pair(values)
-        near = off_by(values, pairs) < _GATE_SIGMAS * noise.of_each(values, pairs)
-        used = pairs.paired & near
-        off = Whitening(values, pairs, used, noise)(errors(values, pairs)[used])
-        used[used] = np.hypot(*off.T) < _GATE_SIGMAS
-        return pairs, used
+        return pairs, likely(values, pairs, noise)
 
     def _known(self, paired: BoolArray) -> BoolArray:
         """Which values to fit: those of cameras with pairs enough."""
@@ -253,13 +251,6 @@ class CameraProblem:
             if np.count_nonzero(paired & (self.strips.cameras == number)) < LEAST_PAIRS:
                 free[len(NAMES) * number :][: len(NAMES)] = False
         return free
-
-    def _weights(self, values: FloatArray, pairs: Pairs, gate: float) -> FloatArray:
-        """Square roots (n,) of the pairs' weights: Cauchy's, and none beyond the gate."""
-        soft = gate / _GATE_SIGMAS
-        off = off_by(values, pairs)
-        inside = pairs.paired & (off < gate)
-        return np.where(inside, 1.0 / np.sqrt(1.0 + (off / soft) ** 2), 0.0) / soft
 
     def _solve(
         self, start: FloatArray, pairs: Pairs, used: BoolArray, weighed: Weighing, free: BoolArray
@@ -300,9 +291,3 @@ class CameraProblem:
             covariance = covariance_of(covariance, values, pairs, used, noise, free)
         first, second = (camera_of(values, number, self.cameras) for number in range(len(CAMERAS)))
         return CameraFit(values, covariance, pairs, used, noise, (first, second), fitted)
-
-
-def _scaled(pairs: Pairs, weights: FloatArray) -> Weighing:
-    """Strips by themselves; weights (n,): square roots of theirs, of those used above 0."""
-    scale = (weights / pairs.sigmas)[weights > 0.0]
-    return lambda rows: np.asarray((rows.T * scale).T)

@@ -29,7 +29,7 @@ class Pairs:
     points (n, 3) m: the strips' true middles in the robot frame, for the delay `delay` (s), and
     velocities (n, 3) m/s there. sigmas (n,) px: what noise of one pixel and that of the reference
     make. paired (n,): False where no teammate was near; mates (n,): which of the reference's it
-    is. Rest as in `Strips`.
+    is. headings (n,) rad: of the robot on the floor. Rest as in `Strips`.
     """
 
     strips: Strips
@@ -38,6 +38,7 @@ class Pairs:
     sigmas: FloatArray
     paired: BoolArray
     mates: IntArray
+    headings: FloatArray
     delay: float
 
     def at(self, delay: float) -> FloatArray:

@@ -7,16 +7,20 @@ lie relative to each other.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from host.calibration.camera.model import Pairs, errors, rotated
+from host.calibration.camera.model import Pairs, errors, off_by, rotated
 from host.calibration.robust.statistics import block_sums, normal_sigma, plane_sigma
 from host.messages import BoolArray, FloatArray
 
+GATE_SIGMAS = 4.0  # of a pair that is right
 _LEAST_STRIP = 0.03
 _LEAST_INSTANTS = 12  # with more than one strip, to measure what these have in common
+
+Weighing = Callable[[FloatArray], FloatArray]  # of errors (k, 2) and of their derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +50,23 @@ class Whitening:
 
     def __init__(self, values: FloatArray, pairs: Pairs, used: BoolArray, noise: Noise) -> None:
         self._scale = noise.strip * pairs.sigmas[used]
-        turned = rotated(values, pairs)[used] / self._scale[:, None]
+        self._by_rotation = rotated(values, pairs)[used] / self._scale[:, None]
         self._instants = np.unique(pairs.strips.times[used], return_inverse=True)[1].reshape(-1)
-        # Of a whole instant: radians by one radian's worth of information.
-        self._information = block_sums(np.sum(turned**2, axis=1), self._instants)
+        # On the common rotation of each instant, 1/rad².
+        self._information = block_sums(np.sum(self._by_rotation**2, axis=1), self._instants)
         squared = noise.rotation_rad**2 * self._information
         self._share = (1.0 - 1.0 / np.sqrt(1.0 + squared)) / self._information
-        self._turned = turned
 
     def __call__(self, rows: FloatArray) -> FloatArray:
         """Errors (k, 2) of the k strips used, or their derivatives (k, 2, p), made independent."""
         scaled = (rows.T / self._scale).T
         common = self._angles(scaled) * self._share.reshape(-1, *[1] * (rows.ndim - 2))
         return np.asarray(
-            scaled - np.einsum("ni,n...->ni...", self._turned, common[self._instants])
+            scaled - np.einsum("ni,n...->ni...", self._by_rotation, common[self._instants])
         )
 
     def _angles(self, scaled: FloatArray) -> FloatArray:
-        return block_sums(np.einsum("ni,ni...->n...", self._turned, scaled), self._instants)
+        return block_sums(np.einsum("ni,ni...->n...", self._by_rotation, scaled), self._instants)
 
     def rotation_sigma(self, off: FloatArray) -> float:
         """Std (rad) of the common rotation by errors (k, 2), in instants with more than one strip.
@@ -76,11 +79,34 @@ class Whitening:
             return 0.0
         scaled = (off.T / self._scale).T
         angles = self._angles(scaled) / self._information
-        apart = scaled - self._turned * angles[self._instants][:, None]
-        along = np.einsum("ni,ni->n", self._turned, apart) / np.hypot(*self._turned.T)
+        apart = scaled - self._by_rotation * angles[self._instants][:, None]
+        along = np.einsum("ni,ni->n", self._by_rotation, apart) / np.hypot(*self._by_rotation.T)
         along *= np.sqrt(count / np.maximum(count - 1.0, 1.0))[self._instants]
         own = normal_sigma(along[many[self._instants]]) ** 2 / self._information[many]
         return math.sqrt(max(normal_sigma(angles[many]) ** 2 - float(np.median(own)), 0.0))
+
+
+def likely(values: FloatArray, pairs: Pairs, noise: Noise) -> BoolArray:
+    """Which pairs (n,) are right: by themselves, then relative to the others of their instant.
+
+    A strip that is hidden in part may be off by less than the rotation that all have in common.
+    """
+    near = off_by(values, pairs) < GATE_SIGMAS * noise.of_each(values, pairs)
+    used = np.asarray(pairs.paired & near)
+    off = Whitening(values, pairs, used, noise)(errors(values, pairs)[used])
+    used[used] = np.hypot(*off.T) < GATE_SIGMAS
+    return used
+
+
+def softened(values: FloatArray, pairs: Pairs, gate: float) -> tuple[BoolArray, Weighing]:
+    """Which pairs (n,) are off by less than `gate` of their sigmas, and Cauchy's weights of these.
+
+    For a fit that is not near yet.
+    """
+    soft, off = gate / GATE_SIGMAS, off_by(values, pairs)
+    used = np.asarray(pairs.paired & (off < gate))
+    scale = soft * np.sqrt(1.0 + (off / soft) ** 2)[used] * pairs.sigmas[used]
+    return used, lambda rows: np.asarray((rows.T / scale).T)
 
 
 def measured(
@@ -93,5 +119,4 @@ def measured(
     left = max(2.0 * len(off) - fitted, 0.5 * len(off)) / (2.0 * len(off))
     lengths = np.hypot(*Whitening(values, pairs, used, before)(off).T)
     strip = max(before.strip * plane_sigma(lengths) / math.sqrt(left), _LEAST_STRIP)
-    alone = Noise(strip)
-    return Noise(strip, Whitening(values, pairs, used, alone).rotation_sigma(off))
+    return Noise(strip, Whitening(values, pairs, used, Noise(strip)).rotation_sigma(off))

@@ -44,6 +44,9 @@ class Reference(Protocol):
         A column means the same teammate for any `shift_s`, not for different times.
         """
 
+    def headings(self, times: FloatArray) -> FloatArray:
+        """Headings (k,) rad of the robot on the floor at `times`; nan where unknown."""
+
 
 class Captured:
     """Teammates as motion capture saw them."""
@@ -56,6 +59,10 @@ class Captured:
     def positions(self, times: FloatArray, shift_s: float = 0.0) -> FloatArray:
         """Positions (k, m, 2), one column a teammate."""
         return self._tracks.teammates(times + shift_s)
+
+    def headings(self, times: FloatArray) -> FloatArray:
+        """Headings (k,) of the tracked body, less how it lies on the robot."""
+        return self._tracks.own(times)[:, 2]
 
 
 class Ranged:
@@ -96,6 +103,10 @@ class Ranged:
         found = to_frame(floor.reshape(-1, 2), poses).reshape(floor.shape)
         found[~between] = math.nan
         return found
+
+    def headings(self, times: FloatArray) -> FloatArray:
+        """Headings (k,) by the wheels."""
+        return np.asarray(self._path.poses(times)[:, 2])
 
 
 def _link(

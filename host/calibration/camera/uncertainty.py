@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from host.calibration.camera.model import NAMES, Pairs, errors, row_of, slopes, upward
+from host.calibration.camera.model import NAMES, Pairs, errors, rotated, row_of, slopes, upward
 from host.calibration.camera.noise import Noise, Whitening
 from host.calibration.camera.pairs import CAMERAS
 from host.calibration.robust.statistics import bent_factor, correlation_factor, sandwich
@@ -13,7 +13,11 @@ from host.messages import BoolArray, FloatArray
 # Std of what repeating does not show: by how much all strips are found too low or too high, and how
 # far off their middles are taken to be (in rendered pictures less than 0.1 px and 0.2 mm); which
 # instant of an exposure is the picture's.
-LOW_PX, _STRIP_M, _STAMP_S = 0.1, 2e-4, 1e-4
+_LOW_PX, _STRIP_M, _STAMP_S = 0.1, 2e-4, 1e-4
+# Light from one side moves a strip's middle to that side. In rendered pictures the error depends on
+# the direction of view as two waves around the room of 0.11 px amplitude each: of each one's sine
+# and cosine, the std.
+_LIGHT_PX, _LIGHT_WAVES = 0.08, (1.0, 2.0)
 BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
@@ -37,11 +41,24 @@ def covariance_of(
     gains = np.einsum("nij,ni->nj", rows, off)
     middle = scatter_of(pairs.strips.times[used], gains, rows, inverse) + held
     # What is wrong alike in all pictures moves the fit as a whole.
-    up = independent(upward(values, pairs)[used])
-    pulled = LOW_PX * inverse @ np.einsum("nij,ni->j", rows, up)
+    common = independent(common_errors(values, pairs)[used])
+    pulled = inverse @ np.einsum("nij,nic->jc", rows, common)
     covariance = prior.copy()
-    covariance[np.ix_(free, free)] = sandwich(inverse, middle) + np.outer(pulled, pulled)
+    covariance[np.ix_(free, free)] = sandwich(inverse, middle) + pulled @ pulled.T
     return np.asarray(covariance + unseen(values, free))
+
+
+def common_errors(values: FloatArray, pairs: Pairs) -> FloatArray:
+    """What strips' errors (n, 2, 5) px may have in common all along a drive, one std of each.
+
+    All too high; and aside by light, which depends on where in the room a camera looks.
+    """
+    around = pairs.headings + np.arctan2(pairs.points[:, 1], pairs.points[:, 0])
+    waves = [wave(times * around) for times in _LIGHT_WAVES for wave in (np.cos, np.sin)]
+    aside = rotated(values, pairs)
+    aside /= np.hypot(*aside.T)[:, None]
+    lit = _LIGHT_PX * aside[:, :, None] * np.stack(waves, axis=1)[:, None]
+    return np.concatenate((_LOW_PX * upward(values, pairs)[:, :, None], lit), axis=2)
 
 
 def unseen(values: FloatArray, free: BoolArray) -> FloatArray:

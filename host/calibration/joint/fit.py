@@ -79,5 +79,5 @@ def covariance_of(evidence: Sequence[Evidence], prior: Prior) -> FloatArray:
     covariance = sandwich(inverse, scatter)
     for part in evidence:
         moved = inverse @ part.common
-        covariance += np.outer(moved, moved)
+        covariance += moved @ moved.T
     return np.asarray(covariance)

@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from host.calibration.camera.fit import CameraFit, CameraProblem
-from host.calibration.camera.model import NAMES, errors, slopes, upward
+from host.calibration.camera.model import NAMES, errors, slopes
 from host.calibration.camera.noise import Whitening, measured
 from host.calibration.camera.pairs import Captured
-from host.calibration.camera.uncertainty import BLOCK_S, LOW_PX
+from host.calibration.camera.uncertainty import BLOCK_S, common_errors
 from host.calibration.gathered import Tracks
 from host.calibration.joint.unknowns import BODY_VALUES, Unknowns
 from host.calibration.lidar.search import Turrets, places_of, recognised
@@ -33,8 +33,8 @@ class Evidence:
     """Of one sensor, near some values of all unknowns: what normal equations are made of.
 
     information (p, p), and gradient (p,) of half the sum of squares. scatter (p, p): covariance of
-    that gradient, for errors that are correlated in time. common (p,): what one standard deviation
-    of an error that all readings have in common changes in the gradient.
+    that gradient, for errors that are correlated in time. common (p, c): what one standard
+    deviation of each error that all readings have in common changes in the gradient.
     """
 
     information: FloatArray
@@ -71,7 +71,7 @@ class WheelEvidence:
         information[part, part] = OWN * np.einsum("wij,wik->jk", rows, rows)
         scatter[part, part] = OWN**2 * self._problem.scatter(rows, wrong)
         gradient[part] = OWN * np.einsum("wij,wi->j", rows, wrong)
-        return Evidence(information, gradient, scatter, np.zeros(size))
+        return Evidence(information, gradient, scatter, np.zeros((size, 0)))
 
 
 class LidarEvidence:
@@ -135,7 +135,7 @@ class CameraEvidence:
         rows = independent(rows)
         off = independent(errors(own, pairs)[used])
         scores = np.einsum("nij,ni->nj", rows, off)
-        common = LOW_PX * np.einsum("nij,ni->j", rows, independent(upward(own, pairs)[used]))
+        common = np.einsum("nij,nic->jc", rows, independent(common_errors(own, pairs)[used]))
         return _correlated(times, scores, rows, BLOCK_S, common)
 
 
@@ -175,7 +175,7 @@ def _correlated(
     factor = correlation_factor(times, scores / size, rows / size, inverse, seconds)
     fitted = float(np.count_nonzero(touched) - BODY_VALUES)
     scatter = bent_factor(2.0 * len(scores), fitted) * scores.T @ scores
-    alike = np.zeros(len(plain)) if common is None else common
+    alike = np.zeros((len(plain), 0)) if common is None else common
     # Far from the least squares, what trust is lost by moving can outweigh what is gained.
     information = plain + bends if _is_convex(plain + bends) else plain
     return Evidence(

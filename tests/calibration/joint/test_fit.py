@@ -24,7 +24,7 @@ class Linear:
     def evidence(self, values: FloatArray) -> Evidence:
         information = self.rows.T @ self.rows
         gradient = self.rows.T @ (self.rows @ values - self.readings)
-        return Evidence(information, gradient, self.noise**2 * information, np.zeros(SIZE))
+        return Evidence(information, gradient, self.noise**2 * information, np.zeros((SIZE, 0)))
 
 
 def mounted(
@@ -55,7 +55,7 @@ def test_with_turrets_held_it_has_the_covariance_of_the_chain_and_the_cross_term
     ]
     free = np.full(SIZE, True)
     free[UNKNOWNS.turrets] = False
-    found = solve(sensors, Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), free), np.zeros(SIZE))
+    found = solve(sensors, Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), free), np.zeros((SIZE, 0)))
     body = np.linalg.inv(wheel_rows[:, :6].T @ wheel_rows[:, :6])[BODY, BODY]
     slopes = {}
     for part, own, noise, pose in (
@@ -81,9 +81,9 @@ def test_its_minimum_is_that_of_plain_least_squares_and_its_sigmas_are_honest() 
     for _ in range(200):
         true = held * random.standard_normal(SIZE)
         sensors = [Linear(part, part @ true + random.standard_normal(80), 1.0) for part in rows]
-        found = solve(sensors, prior, np.zeros(SIZE))
+        found = solve(sensors, prior, np.zeros((SIZE, 0)))
         design = np.concatenate((*rows, np.diag(1.0 / held)))
-        target = np.concatenate((*(sensor.readings for sensor in sensors), np.zeros(SIZE)))
+        target = np.concatenate((*(sensor.readings for sensor in sensors), np.zeros((SIZE, 0))))
         assert found.values == pytest.approx(np.linalg.lstsq(design, target, rcond=None)[0])
         squares.append((found.values - true) ** 2 / np.diag(found.covariance))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
@@ -97,11 +97,13 @@ def test_an_error_that_all_readings_have_in_common_moves_the_fit_as_a_whole() ->
     class Shifted(Linear):
         def evidence(self, values: FloatArray) -> Evidence:
             plain = super().evidence(values)
-            return Evidence(plain.information, plain.gradient, plain.scatter, rows.T @ common)
+            return Evidence(
+                plain.information, plain.gradient, plain.scatter, (rows.T @ common)[:, None]
+            )
 
     prior = Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.full(SIZE, True))
     plain, shifted = (
-        solve([kind(rows, readings, 1.0)], prior, np.zeros(SIZE))
+        solve([kind(rows, readings, 1.0)], prior, np.zeros((SIZE, 0)))
         for kind, readings in ((Linear, common), (Shifted, np.zeros(80)))
     )
     extra = shifted.covariance - plain.covariance
