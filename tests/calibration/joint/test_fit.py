@@ -55,7 +55,7 @@ def test_with_turrets_held_it_has_the_covariance_of_the_chain_and_the_cross_term
     ]
     free = np.full(SIZE, True)
     free[UNKNOWNS.turrets] = False
-    found = solve(sensors, Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), free), np.zeros((SIZE, 0)))
+    found = solve(sensors, Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), free), np.zeros(SIZE))
     body = np.linalg.inv(wheel_rows[:, :6].T @ wheel_rows[:, :6])[BODY, BODY]
     slopes = {}
     for part, own, noise, pose in (
@@ -81,9 +81,9 @@ def test_its_minimum_is_that_of_plain_least_squares_and_its_sigmas_are_honest() 
     for _ in range(200):
         true = held * random.standard_normal(SIZE)
         sensors = [Linear(part, part @ true + random.standard_normal(80), 1.0) for part in rows]
-        found = solve(sensors, prior, np.zeros((SIZE, 0)))
+        found = solve(sensors, prior, np.zeros(SIZE))
         design = np.concatenate((*rows, np.diag(1.0 / held)))
-        target = np.concatenate((*(sensor.readings for sensor in sensors), np.zeros((SIZE, 0))))
+        target = np.concatenate((*(sensor.readings for sensor in sensors), np.zeros(SIZE)))
         assert found.values == pytest.approx(np.linalg.lstsq(design, target, rcond=None)[0])
         squares.append((found.values - true) ** 2 / np.diag(found.covariance))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
@@ -103,7 +103,7 @@ def test_an_error_that_all_readings_have_in_common_moves_the_fit_as_a_whole() ->
 
     prior = Prior(np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.full(SIZE, True))
     plain, shifted = (
-        solve([kind(rows, readings, 1.0)], prior, np.zeros((SIZE, 0)))
+        solve([kind(rows, readings, 1.0)], prior, np.zeros(SIZE))
         for kind, readings in ((Linear, common), (Shifted, np.zeros(80)))
     )
     extra = shifted.covariance - plain.covariance
