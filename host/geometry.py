@@ -80,6 +80,12 @@ def along_rays(origin: tuple[float, float], bearings: FloatArray, ranges: FloatA
     return columns(origin[0] + ranges * np.cos(bearings), origin[1] + ranges * np.sin(bearings))
 
 
+def polar(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ranges (k,) m and bearings (k,) rad of points (k, 2) m from the origin."""
+    x, y = points.T
+    return np.hypot(x, y), np.arctan2(y, x)
+
+
 def on_rays(
     origin: tuple[float, float],
     bearings: FloatArray,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from host.geometry import SECTORS, Path, rotation, sector, to_frame, to_parent, wrap
+from host.geometry import SECTORS, Path, polar, rotation, sector, to_frame, to_parent, wrap
 from host.messages import Displacement
 
 angles = st.floats(-1000.0, 1000.0)
@@ -207,6 +207,12 @@ def test_a_path_that_forgets_still_knows_every_time_within_what_it_keeps():
         oldest = max(0.0, path.end - 1.9)
         times = np.linspace(oldest, path.end, 17)
         assert_allclose(path.poses(times)[:, 0], 2.0 * times, atol=1e-9)
+
+
+@given(st.complex_numbers(max_magnitude=100.0))
+def test_ranges_and_bearings_are_those_of_complex_numbers(point):
+    ranges, bearings = polar(np.array([[point.real, point.imag]]))
+    assert_allclose((ranges[0], bearings[0]), cmath.polar(point), atol=1e-12)
 
 
 def test_the_ends_of_the_circle_lie_in_the_outer_sectors():

@@ -147,7 +147,7 @@ class Condition:
         return self.value <= self.threshold
 
     def otherwise(self, advice: str) -> "Check":
-        """The check of this condition."""
+        """The check of this condition, with what to do where it fails."""
         return Check(**dataclasses.asdict(self), advice=advice)
 
 

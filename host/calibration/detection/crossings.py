@@ -6,7 +6,7 @@ import numpy as np
 
 from host.calibration.gathered import Tracks
 from host.config import Lidar
-from host.geometry import Path, to_frame, to_parent, wrap
+from host.geometry import Path, polar, to_frame, to_parent, wrap
 from host.messages import BoolArray, Displacement, FloatArray, Scan
 
 _PATH_STEPS = 12  # some 10 ms each
@@ -57,8 +57,8 @@ class Crossings:
             times = self.times[:, j]
             floor = tracks.body(identity, times)[:, :2]
             seen = to_frame(floor, tracks.own(times))
-            self.distances[:, j], self.bearings[:, j] = _polar(seen)
-            self.ways[:, j], self.beams[:, j] = _polar(to_frame(seen, self._mounting))
+            self.distances[:, j], self.bearings[:, j] = polar(seen)
+            self.ways[:, j], self.beams[:, j] = polar(to_frame(seen, self._mounting))
             self.places[:, j] = to_frame(floor, self.robots)
 
     def plain(self, lidar: Lidar) -> BoolArray:
@@ -83,8 +83,3 @@ class Crossings:
         """Where the lidar was at `time` (2,) m, in the robot frame at the end of the scan."""
         carried = path.carry(self._mounting[None, :2], np.array([time]), scan.time)
         return np.asarray(carried[0])
-
-
-def _polar(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    x, y = points.T
-    return np.hypot(x, y), np.arctan2(y, x)

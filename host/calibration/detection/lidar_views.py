@@ -12,7 +12,7 @@ from host.calibration.gathered import Gathered, Tracks, untracked
 from host.calibration.robust.statistics import ratio_variance
 from host.config import Lidar
 from host.drivers.x4.packets import angle_correction
-from host.geometry import SECTORS, Path, sector, to_frame, to_parent, wrap
+from host.geometry import SECTORS, Path, polar, sector, to_frame, to_parent, wrap
 from host.messages import BoolArray, FloatArray, Positions, Scan
 from host.perception.turrets import turrets
 
@@ -128,8 +128,7 @@ def behind_something(places: FloatArray, clearances: FloatArray, lidar: Lidar) -
     clearances (n, SECTORS) m. What hides is nearer than the turret, so this does not depend on
     whether the turret itself was detected.
     """
-    x, y = places.T
-    distance, bearing = np.hypot(x, y), np.arctan2(y, x)
+    distance, bearing = polar(places)
     half = np.arcsin(np.minimum(0.5 * lidar.target_diameter_m / distance, 1.0))
     rays = wrap(bearing[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 5))
     free = np.take_along_axis(clearances, sector(rays), axis=1)

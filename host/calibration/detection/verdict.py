@@ -11,7 +11,7 @@ from host.calibration.detection.range_curve import RangeCurve, Views
 from host.calibration.gathered import Gathered
 from host.calibration.result import Check, at_least, at_most
 from host.config import Cameras, Lidar
-from host.errors import UserError
+from host.geometry import polar
 from host.messages import BoolArray
 
 _LEAST_SCANS, _LEAST_PICTURES, _LEAST_VIEWS = 300, 300, 200
@@ -107,21 +107,21 @@ def _kept_half_range(sensor: str, curve: RangeCurve, configured_m: float) -> lis
 
 
 def detection_advice(gathered: Gathered) -> list[str]:
-    """What is still missing while the robot drives, as text; empty when there is enough."""
+    """What is still missing while the robot drives, as text; empty when there is enough.
+
+    Raises UserError where motion capture never saw this robot.
+    """
     if not gathered.bodies:
         return ["no motion capture yet"]
     if not gathered.scans and not gathered.bearings:
         return ["neither scans nor pictures yet"]
-    try:
-        tracks = tracks_so_far(gathered)
-    except UserError as error:
-        return [f"{error.what} ({error.why})"]
+    tracks = tracks_so_far(gathered)
     if not len(tracks.identities):
         return ["motion capture sees no teammate"]
     times = np.linspace(*tracks.span, _ADVICE_MOMENTS)
     seen = tracks.teammates(times).reshape(-1, 2)
     seen = seen[np.isfinite(seen).all(axis=1)]
-    distances, bearings = np.hypot(*seen.T), np.arctan2(*seen.T[::-1])
+    distances, bearings = polar(seen)
     length = gathered.bodies[-1].time - gathered.bodies[0].time
     nearest, farthest = float(distances.min(initial=99.0)), float(distances.max(initial=0.0))
     headings = len(DIRECTIONS) - len(missing_directions(tracks.own(times)[:, 2], _LEAST_IN_ONE))

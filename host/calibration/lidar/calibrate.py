@@ -38,7 +38,7 @@ from host.calibration.robust.time_offset import (
 )
 from host.calibration.stamps import delay_check, stamps_check
 from host.errors import UserError
-from host.geometry import to_parent, wrap
+from host.geometry import polar, to_parent, wrap
 from host.messages import FloatArray, IntArray
 
 _DELAYS_S = (-0.5, 1.0)  # that robot.toml may have
@@ -218,20 +218,18 @@ def value_rows(
 
 
 def lidar_advice(gathered: Gathered) -> list[str]:
-    """What is still missing for `calibrate`, by the paths alone; empty when enough."""
+    """What is still missing for `calibrate`, by the paths alone; empty when enough.
+
+    Raises UserError where motion capture never saw this robot.
+    """
     if not gathered.scans:
         return ["no revolution of the lidar yet"]
     if not gathered.bodies:
         return ["motion capture has seen nothing yet"]
-    try:
-        tracks = tracks_so_far(gathered)
-    except UserError as error:
-        return [f"{error.what} ({error.why})"]
+    tracks = tracks_so_far(gathered)
     times = np.array([scan.time for scan in gathered.scans])
-    places = tracks.teammates(times).reshape(-1, 2)
-    ranges = np.hypot(*places.T)
+    ranges, bearings = polar(tracks.teammates(times).reshape(-1, 2))
     in_range = ranges <= gathered.config.lidar.max_range_m
-    bearings = np.arctan2(places[:, 1], places[:, 0])
     steps = np.diff(tracks.own(times)[:, 2])
     checks = coverage_checks(ranges[in_range], bearings[in_range])
     return [

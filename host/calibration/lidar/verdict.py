@@ -7,6 +7,7 @@ import numpy as np
 from host.calibration.coverage import DIRECTIONS, missing_directions
 from host.calibration.result import Check, at_least, at_most
 from host.calibration.robust.time_offset import DelayCurve
+from host.geometry import polar
 from host.messages import BoolArray, FloatArray
 
 _LEAST_DIRECTIONS, _LEAST_IN_ONE = 7, 10
@@ -63,8 +64,7 @@ class Outcome:
     @property
     def polar(self) -> tuple[FloatArray, FloatArray]:
         """Range (m) and bearing (rad) of what was used (k,), from the lidar."""
-        offset = self.truths[self.used] - self.origin
-        return np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+        return polar(self.truths[self.used] - self.origin)
 
     @property
     def along_across(self) -> tuple[FloatArray, FloatArray]:

@@ -123,4 +123,5 @@ def test_advice_before_this_robot_is_seen_names_its_body() -> None:
     gathered = Gathered(RobotConfig(mocap=Mocap(body=7)))
     gathered.take(empty_scan(1.0))
     gathered.take(body(1.0, 1, 2))
-    assert "body 7" in detection_advice(gathered)[0]
+    with pytest.raises(UserError, match="body 7"):
+        detection_advice(gathered)
