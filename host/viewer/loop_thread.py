@@ -11,11 +11,11 @@ class LoopThread(ABC):
 
     def __init__(self, name: str) -> None:
         """name: of the thread."""
-        self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def __enter__(self) -> Self:
+        self._loop = asyncio.new_event_loop()  # not before: one that never runs has to be closed
         self._thread.start()
         return self
 

@@ -54,6 +54,7 @@ class Viewer(LoopThread):
         port: int = DEFAULT_PORT,
         stick: Stick | None = None,
     ) -> None:
+        super().__init__("viewer")
         self._scene = scene
         self._socket = _listening(address, port)
         driven = stick is not None
@@ -61,7 +62,6 @@ class Viewer(LoopThread):
         token = f"/?token={self._access.token}" if self._access.token else "/"
         self.url = f"http://{bracketed(reachable(address))}:{self._access.port}{token}"
         self._page = page(driven).encode()
-        super().__init__("viewer")  # after what can fail: a loop has to be closed
         of_cameras = [f"{_PICTURES}/{camera}" for camera in scene.pictures]
         self._channels = {path: Channel() for path in (_STREAM, *of_cameras)}
         self._serving = {path: channel.serve for path, channel in self._channels.items()}
