@@ -86,7 +86,9 @@ def _greet(port: serial.Serial) -> IdentityFrame:
     heard = 0
     end = time.monotonic() + IDENTITY_S
     next_hello = 0.0
-    while time.monotonic() < end:
+    over = False
+    while not over:
+        over = time.monotonic() > end  # then it reads once more: this computer may have stood still
         if time.monotonic() >= next_hello:
             port.write(DELIMITER + encode(HelloFrame()))
             next_hello = time.monotonic() + ASK_PERIOD_S

@@ -1,5 +1,6 @@
 """Flashing: the real avrdude, real bytes on pseudo-terminals, and each failure in words."""
 
+import itertools
 import os
 import shlex
 import subprocess
@@ -13,6 +14,7 @@ from serial.tools import list_ports
 
 from host.drivers import port_access
 from host.drivers.romeo import ports as romeo_ports
+from host.drivers.romeo.framing import encode
 from host.drivers.romeo.protocol import BOARD_ROMEO_V2, PROTOCOL_HASH, IdentityFrame
 from host.drivers.serial_port import open_port
 from host.errors import UserError
@@ -86,6 +88,17 @@ def test_the_firmware_is_uploaded_byte_for_byte_and_read_back(
     assert len(lines) == len(steps)
     assert all(step in line for step, line in zip(steps, lines, strict=True))
     assert "bytes of flash verified" in (build_folder() / LOG).read_text("utf-8")
+
+
+def test_an_answer_that_came_while_this_computer_stood_still_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = itertools.chain([0.0, 0.0, 0.0, 0.0], itertools.repeat(60.0))
+    answers = iter([b"", encode(identity_of())])
+    monkeypatch.setattr(romeo_identity, "time", SimpleNamespace(monotonic=lambda: next(times)))
+    monkeypatch.setattr(romeo_identity, "read_available", lambda port: next(answers))
+    port = SimpleNamespace(write=len)
+    assert romeo_identity._greet(port) == identity_of()
 
 
 def test_what_avrdude_said_need_not_be_kept(

@@ -144,8 +144,9 @@ class X4:
         """The reply to the first of the `questions` that is answered, None without one."""
         for question in questions:
             port.write(question)
-            end = self._clock() + _REPLY_WAIT_S
-            while self._clock() < end and not self._stop.is_set():
+            end, over = self._clock() + _REPLY_WAIT_S, False
+            while not over and not self._stop.is_set():
+                over = self._clock() > end  # then it reads once more: it may have stood still
                 self._decoder.feed(*self._read(port))
                 for reply in self._decoder.take_replies():
                     if isinstance(reply, kind):
