@@ -84,19 +84,13 @@ class OneColourSearch:
             self._colour.amount(picture[box]), own & drawn
         )
         elevation = float((upright * self.geometry.elevation[box]).sum() / upright.sum())
-        x, y = self.geometry.pixel(azimuth, elevation)
-        strip = self._cameras.strip
-        distance = distance_m(strip, total)
+        distance = distance_m(self._cameras.strip, total)
         reason = self._reason(patch, azimuth, elevation, distance)
         if not reason and pixels < _LEAST_PIXELS:
             reason = "too_few_pixels"
         if not reason and not _stands_out(purity, own & drawn, around & drawn):
             reason = "like_background"
-        pixel_rad = math.sqrt(total / pixels)
-        # Hidden in part, or with another strip behind it: the middle may be that much aside.
-        misfit = max(
-            0.0, abs(self._proportion * patch.tall - patch.wide) - self._proportion * pixel_rad
-        )
+        x, y = self.geometry.pixel(azimuth, elevation)
         return Blob(
             x=x,
             y=y,
@@ -106,10 +100,18 @@ class OneColourSearch:
             kept=not reason,
             reason=reason,
             bearing_rad=self.geometry.bearing(azimuth),
-            variance_rad2=bearing_variance(pixel_rad, misfit),
+            variance_rad2=self._variance(patch, math.sqrt(total / pixels)),
             range_m=distance,
             range_std_m=distance_std_m(distance, pixels),
         )
+
+    def _variance(self, patch: Patch, pixel_rad: float) -> float:
+        """Of a blob's bearing, rad²; pixel_rad: of a reduced pixel there."""
+        # Hidden in part, or with another strip behind it: the middle may be that much aside.
+        misfit = max(
+            0.0, abs(self._proportion * patch.tall - patch.wide) - self._proportion * pixel_rad
+        )
+        return bearing_variance(pixel_rad, misfit)
 
     def _outside(self, patch: Patch) -> str:
         """Why no part of a patch can be of a strip, by where it is; nothing where one can."""
