@@ -171,7 +171,7 @@ class Localizer:
         if isinstance(readings, Scan):
             self._unjudged.append(readings)
             readings = turrets.find(readings, self._config.lidar, self._path)
-        present = self._to_present(readings)
+        present = carried(readings, self._path, self._time)
         try:
             self._filter.update(present)
         except ValueError:
@@ -199,10 +199,6 @@ class Localizer:
         elif self._recent:
             known = min(self._recent, key=lambda estimate: abs(estimate.time - readings.time))
             self.consistency.take_bearings(readings, known, self._path)
-
-    def _to_present(self, measured: Positions | Bearings) -> Positions | Bearings:
-        """The same readings in the robot frame at the filter's time."""
-        return carried(measured, self._path, self._time)
 
 
 def carried(measured: AnyReadings, path: Path, time: float) -> AnyReadings:

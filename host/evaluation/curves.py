@@ -68,7 +68,7 @@ def nearest_errors(instants: Sequence[Instant]) -> NearestErrors:
         wanted = at.truth.identities[at.wanted]
         found = nearest(at.truth.positions[at.wanted], at.estimate.positions)
         errors[k, np.searchsorted(robots, wanted)] = found
-    return NearestErrors(_times(instants), robots, errors)
+    return NearestErrors(times_of(instants), robots, errors)
 
 
 def time_over(errors: FloatArray, bound_m: float = OVER_M) -> FloatArray:
@@ -94,7 +94,7 @@ def gospa_over_time(instants: Sequence[Instant], bin_s: float) -> tuple[FloatArr
     """Middles (k,) s of bins of time, and mean GOSPA (k,) m in each; bins start at a multiple."""
     if not instants:
         return np.zeros(0), np.zeros(0)
-    which = np.floor(_times(instants) / bin_s).astype(np.int64)
+    which = np.floor(times_of(instants) / bin_s).astype(np.int64)
     bins, place = np.unique(which, return_inverse=True)
     sums = np.bincount(place, [at.gospa.distance for at in instants])
     middles = np.asarray(bin_s * (bins + 0.5), dtype=np.float64)
@@ -145,5 +145,6 @@ def over_angle(found: PairErrors) -> Bins:
 _NOBODY = np.zeros(0, dtype=np.int64)
 
 
-def _times(instants: Sequence[Instant]) -> FloatArray:
+def times_of(instants: Sequence[Instant]) -> FloatArray:
+    """When each was scored, (t,) s."""
     return np.array([at.estimate.time for at in instants], dtype=float)

@@ -126,7 +126,7 @@ class Accumulator:
     update_seconds: list[float] = field(default_factory=list)
     instants: list[Instant] = field(default_factory=list)
     _last_time: float = math.nan
-    _instants: list[Gospa] = field(default_factory=list)
+    _gospas: list[Gospa] = field(default_factory=list)
     _distances: list[FloatArray] = field(default_factory=list)
     _nearest: list[FloatArray] = field(default_factory=list)
     _nees: list[FloatArray] = field(default_factory=list)
@@ -152,7 +152,7 @@ class Accumulator:
         excused = len(gospa_pairs(dont_care, spare, self.p, self.c)[0])
         distances = np.linalg.norm(errors, axis=1)
         scored = _parts(distances, len(truth), len(positions) - excused, self.p, self.c)
-        self._instants.append(scored)
+        self._gospas.append(scored)
         self._distances.append(distances)
         self._nearest.append(nearest(truth, positions))
         everyone = truth if teammates is None else teammates
@@ -174,7 +174,7 @@ class Accumulator:
             whole.seconds += run.seconds
             whole.update_seconds += run.update_seconds
             whole.instants += run.instants
-            whole._instants += run._instants
+            whole._gospas += run._gospas
             whole._distances += run._distances
             whole._nearest += run._nearest
             whole._nees += run._nees
@@ -186,16 +186,16 @@ class Accumulator:
         distances = np.concatenate([*self._distances, np.zeros(0)])
         farther = np.concatenate([*self._nearest, np.zeros(0)])
         update_ms = 1000.0 * np.array(self.update_seconds)
-        missed = _mean([g.missed for g in self._instants])
-        false = _mean([g.false for g in self._instants])
+        missed = _mean([g.missed for g in self._gospas])
+        false = _mean([g.false for g in self._gospas])
         return Row(
             source=source,
             observer=observer,
             filter=filter_name,
             sensors=sensors,
             seconds=self.seconds,
-            gospa_m=_mean([g.distance for g in self._instants]),
-            localisation_m=_mean([g.localisation for g in self._instants]),
+            gospa_m=_mean([g.distance for g in self._gospas]),
+            localisation_m=_mean([g.localisation for g in self._gospas]),
             missed=missed,
             false=false,
             stray=_mean(self._stray),

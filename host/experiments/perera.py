@@ -7,12 +7,11 @@ from typing import Literal
 import numpy as np
 
 from host.calibration.result import ReportPicture, Series
-from host.evaluation.curves import nearest_errors, time_over, weight_sums
+from host.evaluation.curves import nearest_errors, time_over, times_of, weight_sums
 from host.evaluation.metrics import Instant
 from host.experiments.paper_figure import SHORT, Cell, PaperFigure, label, line
 from host.experiments.published import OVER_30CM, REAL_TEAMMATES, beside_published
 from host.geometry import Path, to_parent
-from host.messages import FloatArray
 from host.sessions.offline.evaluating import Scored
 
 _KEEP_ALL_S = float("inf")
@@ -80,7 +79,7 @@ def _weights(name: str, by_sensors: dict[str, list[Instant]]) -> PaperFigure:
     rows: list[list[Cell]] = []
     series = []
     for sensors, instants in by_sensors.items():
-        times, (weights, wanted) = _times(instants), weight_sums(instants)
+        times, (weights, wanted) = times_of(instants), weight_sums(instants)
         rows += [[sensors, *map(float, each)] for each in zip(times, weights, wanted, strict=True)]
         series.append(line(times, weights, SHORT.get(sensors, sensors)))
     series.append(line(times, wanted, "robots in range"))  # the same with all sensors
@@ -127,7 +126,7 @@ def _paths(name: str, sensors: str, instants: list[Instant], scored: Scored) -> 
     for step in scored.motion:
         path.append(step)
     rows: list[list[Cell]] = []
-    for at, pose in zip(instants, path.poses(_times(instants)), strict=True):
+    for at, pose in zip(instants, path.poses(times_of(instants)), strict=True):
         time, truth = at.estimate.time, to_parent(at.truth.positions, pose)
         for robot, (x, y) in zip(at.truth.identities, truth, strict=True):
             rows.append([time, "robot", int(robot), float(x), float(y)])
@@ -169,7 +168,3 @@ def _beside_published(scored: Scored) -> PaperFigure:
     ]
     header = ("filter", "sensors", "measure", "where", "ours", "published")
     return PaperFigure("beside_published", header, rows)
-
-
-def _times(instants: list[Instant]) -> FloatArray:
-    return np.array([at.estimate.time for at in instants])
