@@ -1,6 +1,8 @@
 """The pipeline: order, a bounded queue, and parts that fail without taking the rest along."""
 
 import threading
+import time
+import types
 
 import numpy as np
 import pytest
@@ -120,6 +122,29 @@ def test_a_closed_queue_gives_what_it_holds_and_takes_no_more():
     assert queue.take(LONG_S).time == 1.0
     assert queue.take(LONG_S) is None
     assert queue.exhausted
+
+
+def test_a_computer_that_stood_still_at_the_end_still_waits_for_its_devices(monkeypatch):
+    """The first wait takes ten seconds: what is left for the others is not nothing."""
+    waits, leap = [], [0.0]
+    join = threading.Thread.join
+
+    def noted(thread, timeout=None):
+        if timeout is not None:
+            waits.append(timeout)
+            leap[0] += 10.0
+        join(thread, LONG_S)
+
+    monkeypatch.setattr(threading.Thread, "join", noted)
+    clock = types.SimpleNamespace(
+        monotonic=lambda: time.monotonic() + leap[0], perf_counter=time.perf_counter
+    )
+    monkeypatch.setattr(pipeline_module, "time", clock)
+    with Pipeline(a_localizer(), {"lidar": Emits(), "board": Emits()}, {}) as pipeline:
+        pass
+    assert len(waits) == 2
+    assert min(waits) > 0.0
+    assert not pipeline.failures
 
 
 def test_a_device_that_ignores_the_end_and_goes_on_does_not_hold_the_run(monkeypatch):
