@@ -65,15 +65,17 @@ def page_of(command: list[str]) -> Iterator[webdriver.Chrome]:
     options = Options()
     for argument in ("--headless=new", "--no-sandbox", "--hide-scrollbars"):
         options.add_argument(argument)
-    with subprocess.Popen([SWARMLOC, *command], stdout=subprocess.PIPE, text=True) as served:
+    with (
+        subprocess.Popen([SWARMLOC, *command], stdout=subprocess.PIPE, text=True) as served,
+        contextlib.ExitStack() as ended,  # first, on every path: Popen waits for the program
+    ):
+        ended.callback(served.terminate)
         assert served.stdout is not None
         (url,) = next(filter(None, (re.findall(r"http://\S+", line) for line in served.stdout)))
         driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+        ended.callback(driver.quit)
         driver.get(url)
         yield driver
-        driver.quit()
-        served.terminate()
-        served.communicate()
 
 
 def draw(page: webdriver.Chrome, pictures: dict[str, tuple[int, int, float, str]]) -> None:

@@ -1,5 +1,6 @@
 """Motion capture from Motive by NatNet: bodies in host time, and words for why there are none."""
 
+import contextlib
 import ipaddress
 import threading
 import time
@@ -61,15 +62,12 @@ class NatNetClient:
         """One connection: from the first question to its loss or to the end. Raises UserError."""
         self._decoder.version = None
         try:
-            link = Link(self._config)
-            try:
+            with contextlib.closing(Link(self._config)) as link:
                 info = self._meet(link)
                 if info is not None:
                     self._counts["connections"] += 1
                     self._listen(link, info)
                     self._watch(link, info)
-            finally:
-                link.close()
         except OSError as error:
             raise explain_network(error, self._config.server) from error
 
