@@ -107,7 +107,7 @@ class LidarModel:
         clearance: FloatArray,
         measured: bool,
     ) -> FloatArray:
-        """P_D (n,) of targets at bearing (n,) rad and distance (n,) m (eq. 18).
+        """P_D (n,) of targets at bearing (n,) rad in [-pi, pi] and distance (n,) m (eq. 18).
 
         clearance (SECTORS,) m; measured: it comes from the scan itself, so that a sector which
         sees nothing at all means interference, and one that ends at the target is not clear.
@@ -146,7 +146,7 @@ class CameraModel:
         clearance: FloatArray,
         view: tuple[float, float],
     ) -> FloatArray:
-        """P_D (n,) of teammates at bearing (n,) rad and distance (n,) m (eq. 29).
+        """P_D (n,) of teammates at bearing (n,) rad in [-pi, pi] and distance (n,) m (eq. 29).
 
         view: of the picture, as in Bearings; outside of it the probability is 0.
         """

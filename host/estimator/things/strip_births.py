@@ -13,7 +13,7 @@ import numpy as np
 
 from host.config import Cameras
 from host.estimator.sensor_models import CameraModel
-from host.geometry import SECTORS, on_rays
+from host.geometry import SECTORS, on_rays, wrap
 from host.messages import Bearings, FloatArray, IntArray
 
 _LONGEST_S = 1.0  # teammates that appeared longer ago were seen before or have gone
@@ -62,7 +62,7 @@ class StripBirths:
         reading = np.arange(len(ranges)).repeat(ranges.shape[1])
         ranges, bearings = ranges.ravel(), measured.bearings.take(reading)
         across = ranges * ranges * measured.variances.take(reading)
-        found = self._model.detection(bearings, ranges, _OPEN, measured.view)
+        found = self._model.detection(wrap(bearings), ranges, _OPEN, measured.view)
         intensity = self._appear * elapsed * found * area.ravel()
         places = on_rays(measured.origin, bearings, ranges, across, variances.ravel())
         return Places(reading, *places, intensity)

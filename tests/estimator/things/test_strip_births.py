@@ -1,7 +1,7 @@
 """Teammates that only the cameras see: where strips may be, and how well `pmb` knows them."""
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -46,6 +46,16 @@ def test_a_size_gives_a_place_with_the_spread_of_bearing_and_range():
     drawn = np.stack((0.3 + ranges * np.cos(bearings), -0.2 + ranges * np.sin(bearings)))
     assert places.positions[0] == pytest.approx(drawn.mean(axis=1), abs=1e-3)
     assert places.covariances[0] == pytest.approx(np.cov(drawn), rel=0.02, abs=1e-5)
+
+
+@pytest.mark.parametrize("revolutions", [-140, -2, -1, 1, 140])
+def test_a_bearing_need_not_be_wrapped(revolutions):
+    """Messages may hold angles up to 1000 rad: they mean the same place."""
+    plain = picture(1.0, (-1.0, 0.4), np.random.default_rng(1))
+    wound = replace(plain, bearings=plain.bearings + revolutions * math.tau)
+    births = [places_of(StripBirths(Cameras(), 0.1), each) for each in (plain, wound)]
+    for of_plain, of_wound in zip(astuple(births[0]), astuple(births[1]), strict=True):
+        assert of_wound == pytest.approx(of_plain, abs=1e-9)
 
 
 def test_the_pieces_of_a_ray_cover_what_teammates_may_be_on_it():
