@@ -106,7 +106,7 @@ class Arena:
         """Walkers, then posts, at random and apart from each other, furniture and walls."""
         room = self._half_m - 0.35
         places = np.empty((0, 2))
-        for _ in range(400 * (scenario.robots + scenario.posts)):
+        for _ in range(400 * (scenario.robots + scenario.posts) if room > 0.0 else 0):
             candidate = self._random.uniform(-room, room, 2)
             apart = np.all(np.hypot(*(places - candidate).T) > 0.5)
             if apart and self.furniture.clearance(candidate) > _START_CLEARANCE_M:

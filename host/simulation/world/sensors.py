@@ -30,6 +30,7 @@ NOISE_RANGES_M = np.array([0.3, 0.75, 1.25, 1.75, 2.5, 5.0, 10.0])
 NOISE_STDS_M = np.array([0.0007, 0.0014, 0.0017, 0.003, 0.005, 0.016, 0.04])
 DARK_CELL_M = 0.05
 DARK_RUN_CELLS = 8.0
+_LONGEST_RUN = 1 << 20  # some 200 s of samples; next to none of what is rare would fill the memory
 
 
 def robots_own(robot: int) -> str:
@@ -175,6 +176,7 @@ def _runs(random: np.random.Generator, share: float, run: float) -> Iterator[Boo
     gap = max(run * (1.0 - share) / share, 1.0)
     while True:
         lengths = np.stack((random.geometric(1.0 / gap, 64), random.geometric(1.0 / run, 64)), 1)
+        lengths = np.minimum(lengths, _LONGEST_RUN)
         yield np.repeat(np.tile([False, True], 64), lengths.ravel())
 
 

@@ -128,3 +128,5 @@ def test_what_is_wrong_with_a_scenario_is_said(text: str, words: list[str]) -> N
 def test_too_many_robots_for_the_room_are_refused() -> None:
     with pytest.raises(UserError, match="no room for 60 robots"):
         Arena(parse_scenario("arena4:robots=60"))
+    with pytest.raises(UserError, match="no room for 4 robots"):
+        Arena(parse_scenario("arena4:fence_m=0.5"))

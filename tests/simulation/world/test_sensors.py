@@ -233,6 +233,14 @@ def test_missing_returns_are_as_many_as_indoors_and_come_in_runs() -> None:
     assert len(runs) > 100
 
 
+def test_next_to_no_missing_returns_take_no_memory() -> None:
+    """A mean gap of 5e10 samples, and the same along the walls."""
+    scenario = parse_scenario("arena4:dropout_share=1e-9,dark_wall_share=1e-9,dropout_run=50")
+    lidar = SimulatedLidar(Arena(scenario), 0, scenario, RobotConfig().lidar)
+    ranges = lidar.ranges(np.arange(700) / 5000.0, np.linspace(0.0, 6.2, 700))
+    assert np.mean(ranges > 0.0) > 0.8
+
+
 def test_a_turret_near_by_nearly_always_returns_and_loses_its_rim() -> None:
     scenario = replace(parse_scenario("arena4"), interference_deg=0.0, dark_wall_share=1.0)
     arena = StillArena([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)])
