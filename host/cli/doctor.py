@@ -2,7 +2,6 @@
 
 import contextlib
 import datetime
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import click
 from host.calibration import robot_file
 from host.cli import options
 from host.cli.files import json_option, write_json
+from host.cli.terminal.layout import terminal_columns
 from host.cli.terminal.progress import progress_bar
 from host.doctor.examine import examine
 from host.doctor.findings import Finding, Level, in_json, table
@@ -84,7 +84,7 @@ def doctor(
             examined = examine(rig, Path.cwd(), Computer(), seconds, progress, wheels)
     found = examined.findings
     write_json(json_path, in_json(found))
-    click.echo(f"{rig.title}\n\n{table(found, shutil.get_terminal_size().columns)}\n")
+    click.echo(f"{rig.title}\n\n{table(found, terminal_columns())}\n")
     click.echo(_verdict(found))
     if robot_path is not None and examined.settings:
         _write(robot_path, examined.settings, yes)

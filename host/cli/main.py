@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import io
 import os
 import sys
 from typing import Any
@@ -12,6 +13,7 @@ from host.cli.terminal.signals import signals_end, signals_interrupt
 from host.errors import UserError
 from host.registry import load_plugin
 
+_OUTPUT_FAILED = (errno.ENOSPC, errno.EIO)  # a full disk; a terminal that is gone
 _COMMANDS = {
     "init": "host.cli.init:init",
     "doctor": "host.cli.doctor:doctor",
@@ -38,14 +40,33 @@ class Failure(click.ClickException):
         click.echo(f"swarmloc: {self.message}", err=True, file=file)
 
 
+def _repair_streams() -> None:
+    """Open what the shell has closed, as by >&-; show "?" for what a terminal's code lacks."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+        elif mode == "w" and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 class Commands(click.Group):
     """Shows failures in words, and as a traceback only with --debug."""
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run, as click's own; a screen or disk that takes no more ends it in words."""
+        try:
+            return super().main(*args, **extra)
+        except OSError as error:
+            if error.errno not in _OUTPUT_FAILED:
+                raise
+            where = error.filename or "the output"
+            Failure(f"cannot write {where}\n{error.strerror}\nmake room, or write elsewhere").show()
+            sys.exit(Failure.exit_code)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
-        for name in ("stdout", "stderr"):  # closed by the shell, as by >&-
-            if getattr(sys, name) is None:
-                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        _repair_streams()
         with signals_interrupt():
             return self._invoke(ctx)
 
@@ -59,13 +80,8 @@ class Commands(click.Group):
         except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except Exception as error:
-            if isinstance(error, BrokenPipeError):
-                raise  # click ends quietly where nobody reads on
-            if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
-                where = error.filename or "the output"
-                raise Failure(
-                    f"cannot write {where}\n{error.strerror}\nmake room, or write elsewhere"
-                ) from error
+            if isinstance(error, OSError) and error.errno in (errno.EPIPE, *_OUTPUT_FAILED):
+                raise  # click ends quietly where nobody reads on; of the others see `main`
             # The last line of defence: nothing but words reaches the user.
             raise Failure(
                 f"a fault of the program: {type(error).__name__}: {error}\n"

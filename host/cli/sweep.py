@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -179,7 +180,8 @@ def table(found: Sequence[Summary], columns: float = math.inf) -> str:
             ]
             cells.append([*values, f" {summary.seeds:2d}"])
         lines += [source, *parts(left, cells, columns), ""]
-    return "\n".join([*lines, "mean ± half of its 95 % confidence interval over n seeds"])
+    legend = "mean ± half of its 95 % confidence interval over n seeds"
+    return "\n".join([*lines, textwrap.fill(legend, int(min(columns, 80)))])
 
 
 def _settings(summary: Summary) -> str:

@@ -1,7 +1,10 @@
 """What holds for every command: options, files that are written, numbers, help."""
 
+import errno
+import io
 import json
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from click.testing import CliRunner
 from host.cli.files import OutputFile
 from host.cli.main import main
 from host.cli.options import Number
+from host.cli.terminal.layout import listing, terminal_columns
 
 
 def commands(
@@ -137,3 +141,35 @@ def test_a_printed_strip_has_its_figures_in_the_envelope(
     assert CliRunner().invoke(main, ["print", "strip", "--json", "s.json"]).exit_code == 0
     content = json.loads((tmp_path / "s.json").read_text())
     assert (content["command"], content["result"]["output"]) == ("print strip", "strip.svg")
+
+
+class Full(io.StringIO):
+    def write(self, text: str) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_streams_that_are_full_or_closed_are_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(SystemExit, match="1"):
+        main.main(["drive", "keys", "--simulate"])
+    sys.stdin.close()  # that stands in for it
+    assert "standard input is not a terminal" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit, match="1"):
+        main.main(["--help"])
+    assert "cannot write the output\nNo space left" in capsys.readouterr().err
+
+
+def test_what_a_terminal_cannot_show_is_no_failure() -> None:
+    runner = CliRunner(charset="latin-1")
+    done = runner.invoke(main, ["replay", "Ωmega.mcap"])
+    assert "cannot read the recording ?mega.mcap" in done.output
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "-3", "20"])
+def test_terminals_of_any_width_are_served(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    text = listing({"a long name of a figure": "word " * 20, "b": "1"})
+    assert max(map(len, text.splitlines())) <= max(20, terminal_columns())

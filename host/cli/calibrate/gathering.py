@@ -1,7 +1,6 @@
 """The screen while a calibration's data come in: a bar for a source, a line for a drive."""
 
 import contextlib
-import shutil
 import textwrap
 import time
 from pathlib import Path
@@ -11,6 +10,7 @@ import click
 from host.behaviour.survey import Survey
 from host.calibration import chain
 from host.calibration.gathered import Gathered
+from host.cli.terminal.layout import terminal_columns
 from host.cli.terminal.progress import progress_bar, stderr
 from host.cli.terminal.signals import signals_caught
 from host.errors import one_line
@@ -104,7 +104,7 @@ def _show(seconds: float, drive: DriveWatch) -> None:
     line = f"{seconds:5.0f} s  {text}"
     if stderr.isatty():
         # What is written over must not be wrapped.
-        line = textwrap.shorten(line, shutil.get_terminal_size().columns - 1, placeholder=" ...")
+        line = textwrap.shorten(line, terminal_columns() - 1, placeholder=" ...")
         click.echo(f"\r\x1b[K{line}", nl=False, err=True)
     else:
         click.echo(line, err=True)

@@ -8,11 +8,18 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+_NARROWEST = 20
+
+
+def terminal_columns() -> int:
+    """How wide the terminal is, or COLUMNS says; as if it were a narrow one where it is absurd."""
+    return max(shutil.get_terminal_size().columns, _NARROWEST)
+
 
 def columns(unknown: float = math.inf) -> float:
     """How wide the terminal is, or COLUMNS says; without both, `unknown`."""
     known = sys.stdout.isatty() or os.environ.get("COLUMNS", "")
-    return shutil.get_terminal_size().columns if known else unknown
+    return terminal_columns() if known else unknown
 
 
 def listing(figures: Mapping[str, Any]) -> str:
