@@ -10,6 +10,7 @@ from functools import singledispatch
 
 import numpy as np
 
+from host.geometry import SECTORS
 from host.messages import (
     Bearings,
     Displacement,
@@ -79,8 +80,7 @@ def _(measured: Positions) -> None:
     if measured.lags is not None:
         _array("lags", measured.lags, (count,), 0.0, _OLDEST_S)
     if measured.clearance is not None:
-        sectors = (_length("clearance", measured.clearance),)
-        _array("clearance", measured.clearance, sectors, 0.0, math.inf)
+        _array("clearance", measured.clearance, (SECTORS,), 0.0, math.inf)
     if measured.scores is not None:
         _array("scores", measured.scores, (count,), -_LARGEST_SCORE, _LARGEST_SCORE)
     _identities(measured.identities, count)

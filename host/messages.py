@@ -37,8 +37,8 @@ class Positions:
 
     positions (n, 2) m, covariances (n, 2, 2) m².
     lags (n,) s: how long before `time` each reading was made; None: all at `time`.
-    clearance (k,) m: free range in each of k equal sectors, the first at bearing -pi; inf without a
-    return, 0 where the sensor did not look; None if unknown.
+    clearance (360,) m: free range in each of so many equal sectors, the first at bearing -pi; inf
+    without a return, 0 where the sensor did not look; None if unknown.
     identities (n,): the teammate that was measured (-1: none), if a data set has it; read only by
     the clairvoyant filter.
     scores (n,): log likelihood ratio of a teammate against any other object, by its shape; None if

@@ -54,8 +54,7 @@ def _spoilt_arrays(name: str, values: np.ndarray) -> list[Any]:
         bad = values.copy()
         bad.flat[0] = entry
         spoilt.append(bad)
-    if name != "clearance":  # of which there may be any number
-        spoilt += [values[:-1], values[None]]
+    spoilt += [values[:-1], values[None]]
     return [*spoilt, values[..., None], values.astype(complex), values.tolist(), "none"]
 
 
