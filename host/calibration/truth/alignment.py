@@ -9,7 +9,6 @@ neither the wheels nor the file's units need be right.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -21,6 +20,13 @@ from host.calibration.robust.statistics import (
     normal_sigma,
     sandwich,
 )
+from host.calibration.truth.clock import (
+    LEAST_EXPLAINED,
+    ClockAlignment,
+    check_alignment,
+    check_times,
+    refused,
+)
 from host.calibration.truth.frame import frame_slip
 from host.calibration.truth.rates import (
     LEAST_OVERLAP_S,
@@ -28,67 +34,19 @@ from host.calibration.truth.rates import (
     Rates,
     search,
 )
-from host.errors import UserError
 from host.messages import FloatArray
 from host.recording.elsewhere.named_columns import BodyPath
 
 _BLOCK_S = 3.0
-_WIDEST_S = 0.5  # from the best offset to others that fit as well; drift widens the peak
-_LEAST_EXPLAINED = 0.8  # of the squared heading rate
-_LARGEST_SIGMA_S = 0.02
 _DRIFTS = np.arange(-0.03, 0.0301, 0.005)  # that are searched: nominal times of rows may be 2 % off
 _STEPS = np.array([0.02, 1e-3, 0.02, 0.02])  # changes that count
 _SLOPE_S = 0.02  # half of the interval over which a slope is taken
 _SINGULAR = 1e-10
 _SOFT = 2.0  # sigmas: trusted less from here on
-_UNITS = (
-    {"mm": 1e3, "cm": 1e2, "m instead of mm": 1e-3, "m instead of cm": 1e-2},
-    {"degrees": 180.0 / math.pi, "radians": math.pi / 180.0},
-)
-_UNIT_RATIO = 0.5  # of the logarithms of two factors that are one unit
-_SHOWN_DRIFT, _SHOWN_FACTOR = 5e-4, 0.2
-_WIDEST_FACTOR = math.log(5.0)  # by which the wheels' geometry may be off
-_INTERVALS_S, _LONGEST_S = (2e-4, 0.5), 1e5  # of a tracker's rows, and of its paths
 _NOISE_FLOOR = np.array([1e-3, 2e-3])
-
-
-@dataclass(frozen=True, slots=True)
-class ClockAlignment:
-    """The robot's time of a tracker's time t: t + offset + drift (t - middle).
-
-    first: that of the path, s. offset, sigma s; drift s/s. explained: of the squared speed and
-    heading rate, 0 to 1; 1 of one that is nearly zero. factors: the tracker's speed and heading
-    rate over the wheels'.
-    """
-
-    first: float
-    offset: float
-    drift: float
-    middle: float
-    sigma: float
-    explained: tuple[float, float]
-    factors: tuple[float, float]
-
-    def words(self) -> str:
-        """What was found, for a reader."""
-        speed, rate = (100.0 * share for share in self.explained)
-        drift = (
-            f", its clock is {abs(100.0 * self.drift):.2f} % {'fast' if self.drift < 0 else 'slow'}"
-        )
-        begin = self.host_times(np.array([self.first]))[0]
-        faster = abs(self.factors[0])
-        other = f"; it drives {faster:.2f} times as fast as they say"
-        return (
-            f"aligned by the wheels: its {self.first:.12g} s is at {begin:.3f} s of the "
-            f"recording's clock, ± {1e3 * self.sigma:.1f} ms"
-            f"{drift if abs(self.drift) > _SHOWN_DRIFT else ''}; they explain {rate:.1f} % of its "
-            f"rotations, {speed:.1f} % of its speeds"
-            f"{other if abs(math.log(max(faster, 1e-9))) > _SHOWN_FACTOR else ''}"
-        )
-
-    def host_times(self, times: FloatArray) -> FloatArray:
-        """The robot's times (n,) s of a tracker's times (n,) s."""
-        return np.asarray(times + self.offset + self.drift * (times - self.middle))
+_PART_S, _LEAST_INFORMATION = 10.0, 0.1  # of a part that shows an offset of its own
+_LEAP_SIGMAS = 2.0  # of a change of the offset; recorded drives stay below 0.7 ...
+_CORRELATED = 20.0  # ... where so many errors are alike, those of a second
 
 
 def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
@@ -112,50 +70,36 @@ def align_clocks(path: BodyPath, by_wheels: BodyPath) -> ClockAlignment:
 
     result = _refine(tracked, wheels, host)
     rate = float(np.nanmean(np.abs(wheels.at(wheels.grid())[:, 1])))
-    if result.explained[0] >= _LEAST_EXPLAINED:  # else it is another drive's
-        known = result.explained[1] >= _LEAST_EXPLAINED
+    if result.explained[0] >= LEAST_EXPLAINED:  # else it is another drive's
+        known = result.explained[1] >= LEAST_EXPLAINED
         slip = frame_slip(path, rate, result.factors[1] if known else math.nan)
         if slip is not None:
-            raise _refused(path, *slip)
-    _check(path, result, float(np.ptp(found.alike)))
+            raise refused(path, *slip)
+    check_alignment(path, result, float(np.ptp(found.alike)))
     return result
 
 
 def _moving_rates(path: BodyPath, moved: BodyPath, who: str) -> Rates:
-    _check_times(path, moved, who)
+    check_times(path, moved, who)
     if not len(moved.times):
-        raise _refused(
+        raise refused(
             path,
             f"{who} has no pose at all",
             "it was lost in every row, or the rows have no orientation, as quaternions of zeros",
         )
     if len(moved.times) < 2 or moved.times[-1] - moved.times[0] < LEAST_OVERLAP_S:
-        raise _refused(path, f"{who} was seen for less than {LEAST_OVERLAP_S:.0f} s")
+        raise refused(path, f"{who} was seen for less than {LEAST_OVERLAP_S:.0f} s")
     rates = Rates(moved)
     sizes = np.sqrt(np.nanmean(rates.at(rates.grid()) ** 2, axis=0))
     if not np.any(sizes > MOVING):
-        raise _refused(path, f"{who} hardly moves")
+        raise refused(path, f"{who} hardly moves")
+    if not sizes[1] > MOVING[1] and moved is not path:
+        raise refused(
+            path,
+            f"{who} does not rotate: a straight path shows no headings",
+            "drive curves both ways, with changes of speed",
+        )
     return rates
-
-
-def _check_times(path: BodyPath, moved: BodyPath, who: str) -> None:
-    """Raise UserError for times that are in other units than s."""
-    if len(moved.times) < 2:
-        return
-    interval, length = float(np.median(np.diff(moved.times))), float(np.ptp(moved.times))
-    if not _INTERVALS_S[0] <= interval <= _INTERVALS_S[1]:
-        raise _refused(
-            path,
-            f"{who} was seen every {interval:.3g} s, from first to last for {length:.3g} s",
-            "say the unit of the file's times with --truth-units, as ms,m,rad; or track it more "
-            f"often than every {_INTERVALS_S[1]:g} s",
-        )
-    if length > _LONGEST_S:
-        raise _refused(
-            path,
-            f"{who} was seen from {moved.times[0]:.12g} s to {moved.times[-1]:.12g} s",
-            "remove the lines whose times are wrong",
-        )
 
 
 def _refine(
@@ -195,21 +139,41 @@ def _refine(
         f_scale=_SOFT,
     )
     values = np.array([0.0, 0.0, *scale]) + found.x * _STEPS
+    leap = _leap(found.jac[:, 0] / _STEPS[0], found.fun, times)
     wrong = np.nan_to_num(misses(found.x)) * sigmas
     squares = np.mean(seen**2, axis=0)
     missed = np.mean(wrong**2, axis=0) / np.maximum(squares, 1e-12)
     left = np.where(squares > MOVING**2, missed, 0.0)
     explained = np.clip(1.0 - left, 0.0, 1.0)
     ends = host(np.array([middle, middle + 1.0]))
+    covariance = _covariance(found.jac, found.fun, times) * np.outer(_STEPS, _STEPS)
+    apart = np.array([1.0, tracked.first - middle])
     return ClockAlignment(
         first=float(tracked.first),
         offset=float(ends[0] + values[0] - middle),
         drift=float(ends[1] - ends[0] - 1.0 + values[1]),
         middle=middle,
-        sigma=_STEPS[0] * math.sqrt(_covariance(found.jac, found.fun, times)[0, 0]),
+        sigma=math.sqrt(covariance[0, 0]),
+        first_sigma=math.sqrt(apart @ covariance[:2, :2] @ apart),
         explained=(float(explained[0]), float(explained[1])),
         factors=(float(values[2]), float(values[3])),
+        leap=leap,
     )
+
+
+def _leap(slopes: FloatArray, errors: FloatArray, times: FloatArray) -> float:
+    """By how much (s) the offset changes from one part of the path to the next, at most.
+
+    slopes, errors (2 n,): of what is missed at times (n,), by the offset. 0: by less than noise.
+    """
+    parts = np.repeat(((times - times[0]) // _PART_S).astype(int), 2)
+    information = np.bincount(parts, slopes * slopes)
+    known = information > _LEAST_INFORMATION * information.max()
+    offsets = (np.bincount(parts, slopes * errors) / np.maximum(information, 1e-12))[known]
+    variances = _CORRELATED / information[known]
+    steps = np.abs(np.diff(offsets))
+    clear = steps > _LEAP_SIGMAS * np.sqrt(variances[1:] + variances[:-1])
+    return float(np.max(steps, where=clear, initial=0.0))
 
 
 def _covariance(slopes: FloatArray, errors: FloatArray, times: FloatArray) -> FloatArray:
@@ -224,55 +188,3 @@ def _covariance(slopes: FloatArray, errors: FloatArray, times: FloatArray) -> Fl
     sums = block_sums(pulls, blocks_of(times, _BLOCK_S))
     middle = bent_factor(len(sums), len(size)) * sums.T @ sums
     return sandwich(bread, middle) / np.outer(size, size)
-
-
-def _check(path: BodyPath, found: ClockAlignment, apart: float) -> None:
-    """Raise UserError for an alignment that is not to be used; apart (s): equally good ones."""
-    speed, rate = found.explained
-    if min(speed, rate) < _LEAST_EXPLAINED:
-        raise _refused(
-            path,
-            f"at the best offset the wheels explain {100 * rate:.0f} % of its rotations "
-            f"and {100 * speed:.0f} % of its speeds",
-            "see that its headings are those of this robot, and that no symmetric pattern of "
-            "markers makes them jump"
-            if speed >= _LEAST_EXPLAINED
-            else "see that the file is of this drive, that the body named is this robot's, and "
-            "that lines at which it was lost are blank",
-        )
-    if apart > _WIDEST_S:
-        raise _refused(
-            path,
-            f"offsets that differ by {apart:.1f} s fit as well as the best: on a path like a "
-            "circle at constant speed, or one that repeats itself, time does not show",
-            "drive with changes of speed and of heading rate, and with stops of unequal length",
-        )
-    _check_units(path, found)
-    if not found.sigma <= _LARGEST_SIGMA_S:
-        raise _refused(
-            path,
-            f"the offset of the clocks is known to {1e3 * found.sigma:.0f} ms only",
-            "drive with more changes of speed and of heading rate",
-        )
-
-
-def _check_units(path: BodyPath, found: ClockAlignment) -> None:
-    for factor, what, words in zip(found.factors, ("speed", "rotation"), _UNITS, strict=True):
-        size = math.log(max(abs(factor), 1e-9))
-        units = [u for u, ratio in words.items() if abs(size - math.log(ratio)) < _UNIT_RATIO]
-        if units or abs(size) > _WIDEST_FACTOR:
-            looks = f"it looks like {units[0]}: say" if units else "say"
-            raise _refused(
-                path,
-                f"its {what} is {abs(factor):.3g} times that of the wheels",
-                f"{looks} the file's units with --truth-units (an export of Motive says its own)",
-            )
-
-
-def _refused(path: BodyPath, why: str, next_step: str = "") -> UserError:
-    name = f"the path of {path.name}" if path.name else "the true path"
-    return UserError(
-        f"{name} cannot be aligned in time with the wheels",
-        why,
-        next_step or "record the whole drive with both, and drive for a minute or more",
-    )

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from host.calibration.truth.alignment import ClockAlignment, align_clocks
+from host.calibration.truth.alignment import align_clocks
+from host.calibration.truth.clock import ClockAlignment
 from host.calibration.truth.files import body_of, read_truth
 from host.calibration.truth.rates import path_by_wheels
 from host.config import Mocap

@@ -85,7 +85,7 @@ SQUARE = np.tile(np.repeat([0.0, math.pi / 4.0], 200), 15)
     ("name", "speeds", "rates", "words"),
     [
         ("a circle", 0.2 * ONES, 0.5 * ONES, "fit as well as the best"),
-        ("straight on", 0.2 * ONES, 0.0 * ONES, "fit as well as the best"),
+        ("straight on", 0.2 * ONES, 0.0 * ONES, "a straight path shows no headings"),
         ("squares without end", 0.2 * ONES, SQUARE, "fit as well as the best"),
         ("standing", 0.0 * ONES, 0.0 * ONES, "hardly moves"),
     ],
@@ -207,3 +207,28 @@ def test_headings_that_jump_are_not_taken_for_exchanged_wheels():
     with pytest.raises(UserError, match="of its rotations") as caught:
         align_clocks(BodyPath("r", path.times, poses), wheels)
     assert "exchange" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("leap_s", "words"),
+    [
+        (3600.0, r"leap by 3600\.0 s after 2[45]"),
+        (1.0, r"its offset to the wheels changes by \d{2,3} ms"),
+        (0.1, r"its offset to the wheels changes by \d{2,3} ms"),
+        (-1.0, r"its offset to the wheels changes by \d{2,3} ms"),
+    ],
+)
+def test_a_clock_that_leaps_is_named(leap_s, words):
+    random = np.random.default_rng(2)
+    path, wheels = both(random, path_of(*wandering(random, 50.0)))
+    times = path.times + np.where(path.times > 25.0, leap_s, 0.0)
+    order = np.argsort(times, kind="stable")
+    with pytest.raises(UserError, match=words):
+        align_clocks(BodyPath("r", times[order], path.poses[order]), wheels)
+
+
+def test_a_body_without_a_single_pose_is_named():
+    random = np.random.default_rng(6)
+    path, wheels = both(random, path_of(*wandering(random, 15.0)))
+    with pytest.raises(UserError, match="body r has no pose at all"):
+        align_clocks(BodyPath("r", path.times[:0], path.poses[:0]), wheels)
