@@ -5,6 +5,7 @@ import os
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -60,9 +61,11 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Machine
         yield running
 
 
-def failure(firmware: Firmware, port: str = "auto") -> UserError:
+def failure(
+    firmware: Firmware, port: str = "auto", read: Callable[[str], None] = lambda line: None
+) -> UserError:
     with pytest.raises(UserError) as caught:
-        flash(firmware, port, lambda line: None)
+        flash(firmware, port, read)
     assert len(str(caught.value).splitlines()) <= 5
     return caught.value
 
@@ -273,7 +276,14 @@ def test_the_bootloader_does_not_appear(
     monkeypatch.setattr(romeo_flash, "BOOTLOADER_S", 0.3)
     monkeypatch.setattr(romeo_flash, "BUTTON_S", 0.3)
     machine.lost, machine.obeys = gone, lambda: False
-    error = failure(firmware)
+
+    def read(line: str) -> None:
+        end = time.monotonic() + 30.0  # the machine's thread may not have run yet
+        while "reset button" in line and not (machine.touches and machine.sketch.plugged != gone):
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+    error = failure(firmware, read=read)
     assert error.what == "the bootloader did not appear"
     assert why in error.why
     assert "press its reset button" in error.next_step

@@ -142,7 +142,7 @@ def test_teammates_of_a_run_move_on_it_and_it_asks_nobody_else(browser):
             (url,) = next(filter(None, (re.findall(r"http://\S+", line) for line in run.stdout)))
             browser.driver.get(url)
             first = browser.wait_for("scene && scene.estimates.length && scene.estimates[0].x")
-            browser.wait_for(f"scene.estimates[0].x !== {first}")
+            browser.wait_for(f"scene.estimates.length && scene.estimates[0].x !== {first}")
             browser.wait_for("scene.scan.length > 100")
         finally:
             run.terminate()
@@ -199,7 +199,9 @@ def replayed(tmp_path_factory):
                 message = dataclasses.replace(message, camera="front")
                 recorder.write(Picture(message.time, "front", jpeg))
             recorder.write(message)
-    replay = [sys.executable, "-u", "-m", "host.cli", "replay", str(path), "--view", "127.0.0.1:0"]
+    command = [sys.executable, "-u", "-m", "host.cli", "replay", str(path)]
+    # So slowly that it is not over before a busy computer's browser shows it.
+    replay = [*command, "--view", "127.0.0.1:0", "--speed", "0.5"]
     with subprocess.Popen(replay, stdout=subprocess.PIPE, text=True) as run:
         yield next(filter(None, (re.findall(r"http://\S+", line) for line in run.stdout)))[0]
         run.terminate()
