@@ -17,7 +17,7 @@ from host.experiments.intervals import summaries
 
 SEEDS = [1, 2]
 ARGUMENTS = (
-    "arena4:seconds=7",
+    "arena4:seconds=6",
     "--seeds",
     "1-2",
     "--filters",
@@ -32,7 +32,7 @@ LONG_S = 120.0  # a bound on waiting, not on speed
 def expected():
     """The table, from trials one after another in this process."""
     every = trials.grid(
-        trials.seeded(["arena4:seconds=7"], SEEDS),
+        trials.seeded(["arena4:seconds=6"], SEEDS),
         ["phd"],
         ["lidar+camera", "lidar"],
         [("filter.pmb.report_error_m", [0.1, 0.5])],
