@@ -15,6 +15,7 @@ _PERIOD_S = 1.0
 _BUSY = 0.9  # share of all processors; the localizer then waits for its turn
 _WINDOW = 5  # periods over which they are judged
 _WARM_C, _HOT_C = 75.0, 90.0  # boards throttle from 80 to 95 deg C
+_COLDEST_C, _HOTTEST_C = -40.0, 125.0  # zones without a sensor say -273, 127 or 255 deg C
 _LOW_CHARGE, _EMPTY_CHARGE = 20, 5  # per cent
 # Bits of the Raspberry Pi's firmware: what is wrong now, and has been since it started.
 _UNDERVOLTED, _THROTTLED = 0x1, 0xE
@@ -43,10 +44,11 @@ def read(system: Path = Path("/sys"), processes: Path = Path("/proc")) -> Readin
     idle = ticks[3] + ticks[4]  # idle and waiting for a disk
     zones = (_number(path) for path in system.glob("class/thermal/thermal_zone*/temp"))
     known = [number / 1000.0 for number in zones if number is not None]
+    possible = [celsius for celsius in known if _COLDEST_C < celsius < _HOTTEST_C]
     return Readings(
         busy=sum(ticks) - idle,
         total=sum(ticks),
-        celsius=max(known, default=None),
+        celsius=max(possible, default=None),
         throttled=_number(system / _THROTTLING, 16),
         charge=_charge(system),
     )
