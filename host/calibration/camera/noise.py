@@ -53,7 +53,8 @@ class Whitening:
         self._by_rotation = rotated(values, pairs)[used] / self._scale[:, None]
         self._instants = np.unique(pairs.strips.times[used], return_inverse=True)[1].reshape(-1)
         # On the common rotation of each instant, 1/rad².
-        self._information = block_sums(np.sum(self._by_rotation**2, axis=1), self._instants)
+        known = block_sums(np.sum(self._by_rotation**2, axis=1), self._instants)
+        self._information = np.maximum(known, 1e-12)
         squared = noise.rotation_rad**2 * self._information
         self._share = (1.0 - 1.0 / np.sqrt(1.0 + squared)) / self._information
 

@@ -7,7 +7,8 @@ import numpy as np
 from host.calibration.camera.model import NAMES, Pairs, errors, rotated, row_of, slopes, upward
 from host.calibration.camera.noise import Noise, Whitening
 from host.calibration.camera.pairs import CAMERAS
-from host.calibration.robust.statistics import bent_factor, correlation_factor, sandwich
+from host.calibration.robust.evidence import Evidence, Prior, correlated
+from host.calibration.robust.evidence import covariance_of as robust_covariance
 from host.messages import BoolArray, FloatArray
 
 # Std of what repeating does not show: by how much all strips are found too low or too high, and how
@@ -18,7 +19,7 @@ _LOW_PX, _STRIP_M, _STAMP_S = 0.1, 1.4e-4, 1e-4
 # the direction of view as two waves around the room of 0.11 px amplitude each: of each one's sine
 # and cosine, the std.
 _LIGHT_PX, _LIGHT_WAVES = 0.08, (1.0, 2.0)
-BLOCK_S = 2.0  # errors nearer in time are not independent
+_BLOCK_S = 2.0  # errors nearer in time are not independent
 
 
 def covariance_of(
@@ -33,19 +34,26 @@ def covariance_of(
 
     prior (23, 23): diagonal, what those that are not `free` (23,) keep. noise: of the pairs.
     """
+    information = np.diag(np.where(free, 1.0 / np.maximum(np.diag(prior), 1e-300), 0.0))
+    said = evidence_of(values, pairs, used, noise, slopes(values, pairs)[used] * free)
+    found = robust_covariance([said], Prior(values, information, free))
+    kept = prior * ~free
+    return np.asarray(found + kept + unseen(values, free))
+
+
+def evidence_of(
+    values: FloatArray, pairs: Pairs, used: BoolArray, noise: Noise, rows: FloatArray
+) -> Evidence:
+    """What the pairs `used` (n,) say about unknowns; rows (k, 2, p): of these, derivatives by them.
+
+    values (23,): of the cameras.
+    """
     independent = Whitening(values, pairs, used, noise)
-    rows = independent(slopes(values, pairs)[used][:, :, free])
-    off = independent(errors(values, pairs)[used])
-    held = np.diag(1.0 / np.diag(prior)[free])
-    inverse = np.asarray(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows) + held))
-    gains = np.einsum("nij,ni->nj", rows, off)
-    middle = scatter_of(pairs.strips.times[used], gains, rows, inverse) + held
+    rows, off = independent(rows), independent(errors(values, pairs)[used])
     # What is wrong alike in all pictures moves the fit as a whole.
-    common = independent(common_errors(values, pairs)[used])
-    pulled = inverse @ np.einsum("nij,nic->jc", rows, common)
-    covariance = prior.copy()
-    covariance[np.ix_(free, free)] = sandwich(inverse, middle) + pulled @ pulled.T
-    return np.asarray(covariance + unseen(values, free))
+    common = np.einsum("nij,nic->jc", rows, independent(common_errors(values, pairs)[used]))
+    scores = np.einsum("nij,ni->nj", rows, off)
+    return correlated(pairs.strips.times[used], scores, rows, _BLOCK_S, common)
 
 
 def common_errors(values: FloatArray, pairs: Pairs) -> FloatArray:
@@ -56,7 +64,7 @@ def common_errors(values: FloatArray, pairs: Pairs) -> FloatArray:
     around = pairs.headings + np.arctan2(pairs.points[:, 1], pairs.points[:, 0])
     waves = [wave(times * around) for times in _LIGHT_WAVES for wave in (np.cos, np.sin)]
     aside = rotated(values, pairs)
-    aside /= np.hypot(*aside.T)[:, None]
+    aside /= np.maximum(np.hypot(*aside.T), 1e-12)[:, None]
     lit = _LIGHT_PX * aside[:, :, None] * np.stack(waves, axis=1)[:, None]
     return np.concatenate((_LOW_PX * upward(values, pairs)[:, :, None], lit), axis=2)
 
@@ -76,16 +84,3 @@ def unseen(values: FloatArray, free: BoolArray) -> FloatArray:
     found = _STRIP_M**2 * moved @ moved.T
     found[-1, -1] += _STAMP_S**2
     return np.asarray(found)
-
-
-def scatter_of(
-    times: FloatArray, gains: FloatArray, rows: FloatArray, inverse: FloatArray
-) -> FloatArray:
-    """How the sum of the pairs' gains scatters, (p, p): the middle of a sandwich covariance.
-
-    gains (n, p): each pair's error times its slopes, rows (n, 2, p); inverse (p, p): of their
-    information. Pair by pair, times the factor by which sums over blocks of time scatter more: a
-    drive has too few blocks for their scatter value by value.
-    """
-    factor = correlation_factor(times, gains, rows, inverse, BLOCK_S)
-    return np.asarray(factor * bent_factor(2 * len(gains), gains.shape[1]) * gains.T @ gains)

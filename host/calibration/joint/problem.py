@@ -10,10 +10,10 @@ from host.calibration.camera.model import NAMES
 from host.calibration.camera.pairs import Captured, strips_of
 from host.calibration.chain import BODY as BODY_KEYS
 from host.calibration.gathered import Gathered, Tracks
-from host.calibration.joint.fit import Prior
 from host.calibration.joint.sensors import CameraEvidence, LidarEvidence, Sensor, WheelEvidence
 from host.calibration.joint.unknowns import Unknowns
 from host.calibration.lidar.search import find_turrets
+from host.calibration.robust.evidence import Prior
 from host.calibration.wheels.calibrate import usable
 from host.calibration.wheels.drives import drives_of
 from host.calibration.wheels.fit import Fit, WheelProblem, fit

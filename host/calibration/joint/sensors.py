@@ -5,42 +5,25 @@ strips beside where they are drawn. Each is divided by its own noise, measured f
 fit leaves out or trusts less, so does this.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from host.calibration.camera.fit import CameraFit, CameraProblem
-from host.calibration.camera.model import NAMES, errors, slopes
-from host.calibration.camera.noise import Whitening, measured
+from host.calibration.camera.model import NAMES, slopes
+from host.calibration.camera.noise import measured
 from host.calibration.camera.pairs import Captured
-from host.calibration.camera.uncertainty import BLOCK_S, common_errors
+from host.calibration.camera.uncertainty import evidence_of
 from host.calibration.gathered import Tracks
-from host.calibration.joint.unknowns import BODY_VALUES, Unknowns
+from host.calibration.joint.unknowns import Unknowns
 from host.calibration.lidar.search import Turrets, places_of, recognised
-from host.calibration.robust.statistics import bent_factor, correlation_factor, plane_sigma
+from host.calibration.robust.evidence import Evidence, correlated
+from host.calibration.robust.statistics import plane_sigma
 from host.calibration.robust.time_offset import CORRELATED_S, linearise
 from host.calibration.wheels.fit import OWN, Fit, WheelProblem
 from host.calibration.wheels.model import Drive, misses
 from host.messages import FloatArray, IntArray
-
-_SINGULAR = 1e-10
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """Of one sensor, near some values of all unknowns: what normal equations are made of.
-
-    information (p, p), and gradient (p,) of half the sum of squares. scatter (p, p): covariance of
-    that gradient, for errors that are correlated in time. common (p, c): what one standard
-    deviation of each error that all readings have in common changes in the gradient.
-    """
-
-    information: FloatArray
-    gradient: FloatArray
-    scatter: FloatArray
-    common: FloatArray
 
 
 class Sensor(Protocol):
@@ -101,7 +84,7 @@ class LidarEvidence:
         pulls = np.einsum("na,nai->ni", off, rows)
         bends = (pulls.T * bends) @ pulls
         rows *= np.sqrt(weights)[:, None, None]
-        return _correlated(times, weights[:, None] * pulls, rows, CORRELATED_S, bends=bends)
+        return correlated(times, weights[:, None] * pulls, rows, CORRELATED_S, bends=bends)
 
 
 class CameraEvidence:
@@ -124,7 +107,6 @@ class CameraEvidence:
         used &= self._fitted[pairs.strips.cameras]
         free = np.append(np.repeat(self._fitted, len(NAMES)), True)
         self._noise = measured(own, pairs, used, free, self._noise)
-        independent = Whitening(own, pairs, used, self._noise)
         cameras, times = pairs.strips.cameras[used], pairs.strips.times[used]
         own_rows = slopes(own, pairs)[used]
         who = tracks.identities[pairs.mates[used]]
@@ -132,16 +114,7 @@ class CameraEvidence:
         moved = self._unknowns.slopes_of_places(tracks, values, who, times - own[-1], places)
         rows = np.einsum("nij,njk->nik", _by_point(own_rows, cameras), moved)
         rows[:, :, part] = own_rows
-        rows = independent(rows)
-        off = independent(errors(own, pairs)[used])
-        scores = np.einsum("nij,ni->nj", rows, off)
-        common = np.einsum("nij,nic->jc", rows, independent(common_errors(own, pairs)[used]))
-        return _correlated(times, scores, rows, BLOCK_S, common)
-
-
-def _is_convex(information: FloatArray) -> bool:
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] > -_SINGULAR)
+        return evidence_of(own, pairs, used, self._noise, rows)
 
 
 def _by_point(rows: FloatArray, cameras: IntArray) -> FloatArray:
@@ -152,32 +125,3 @@ def _by_point(rows: FloatArray, cameras: IntArray) -> FloatArray:
     at = len(NAMES) * cameras + NAMES.index("x_m")
     every = np.arange(len(rows))
     return np.asarray(-np.stack((rows[every, :, at], rows[every, :, at + 1]), axis=2))
-
-
-def _correlated(
-    times: FloatArray,
-    scores: FloatArray,
-    rows: FloatArray,
-    seconds: float,
-    common: FloatArray | None = None,
-    bends: FloatArray | float = 0.0,
-) -> Evidence:
-    """Evidence of readings, worth less by what their errors are correlated.
-
-    scores (n, p) and rows (n, 2, p): weighted, of their errors. bends (p, p): what the information
-    has besides, as weights change with the errors.
-    """
-    plain = np.einsum("nai,naj->ij", rows, rows)
-    touched = np.diag(plain) > 0.0
-    # Pixels beside radians: to one scale. The body's pose and a sensor's own are one, seen so.
-    size = np.where(touched, np.sqrt(np.diag(plain)), 1.0)
-    inverse = np.linalg.pinv(plain / np.outer(size, size), _SINGULAR, hermitian=True)
-    factor = correlation_factor(times, scores / size, rows / size, inverse, seconds)
-    fitted = float(np.count_nonzero(touched) - BODY_VALUES)
-    scatter = bent_factor(2.0 * len(scores), fitted) * scores.T @ scores
-    alike = np.zeros((len(plain), 0)) if common is None else common
-    # Far from the least squares, what trust is lost by moving can outweigh what is gained.
-    information = plain + bends if _is_convex(plain + bends) else plain
-    return Evidence(
-        information / factor, scores.sum(axis=0) / factor, scatter / factor, alike / factor
-    )

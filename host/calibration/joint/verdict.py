@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from host.calibration.gathered import Gathered
-from host.calibration.joint.fit import Prior, Solution, covariance_of, inverse_of
+from host.calibration.joint.fit import Solution
 from host.calibration.joint.problem import Problem
 from host.calibration.result import Check, Fitted, at_most
+from host.calibration.robust.evidence import Prior, covariance_of, inverse_of
 from host.messages import FloatArray
 
 _SETTLED, _APART = 0.1, 3.0  # sigmas

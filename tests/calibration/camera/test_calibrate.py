@@ -10,7 +10,6 @@ from host.calibration.camera.calibrate import calibrate, camera_advice
 from host.calibration.camera.checkerboard import LensFit
 from host.calibration.camera.fit import CameraProblem
 from host.calibration.camera.pairs import CAMERAS, reference_of, strips_of
-from host.calibration.camera.uncertainty import scatter_of
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration
 from host.config import Camera, Cameras, RobotConfig
@@ -161,24 +160,6 @@ def test_sigma_is_honest_about_bearings_and_the_delay() -> None:
         normalised.append(off[[*places, -1]] / sigma[[*places, -1]])
     squares = np.var(normalised, axis=0, ddof=1)
     assert 0.8 < math.sqrt(np.mean(squares)) < 1.25, squares
-
-
-def test_strips_whose_errors_last_for_a_second_count_as_few() -> None:
-    """Ten equal gains are as one: their sum scatters ten times as much as that of ten others."""
-    random = np.random.default_rng(5)
-    once = random.normal(size=(60, 2))
-    gains, times = np.repeat(once, 10, axis=0), np.repeat(np.arange(60.0) * 2.0, 10)
-    inverse = np.diag([0.3, 2.0])
-    rows = np.broadcast_to(np.diag((600.0 * np.diag(inverse)) ** -0.5), (600, 2, 2))
-    weighed = float(np.sum(scatter_of(times, gains, rows, inverse) * inverse))
-    plain = float(np.sum((once.T @ once) * inverse))
-    assert weighed == pytest.approx(
-        100.0 * plain * (60.0 / 59.0) * (599.0 / 600.0) * (1200.0 / 1198.0)
-    )
-    # Where errors take turns, a block's sum is nearly nothing: no less than pair by pair.
-    balanced = gains * np.resize([[1.0], [-1.0]], (600, 1))
-    least = float(np.sum(scatter_of(times, balanced, rows, inverse) * inverse))
-    assert least == pytest.approx(10.0 * plain * 1200.0 / 1198.0)
 
 
 def test_the_lidar_serves_where_there_is_no_motion_capture() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from host.calibration.chain import by_base, carried
-from host.calibration.joint.fit import Prior, solve
-from host.calibration.joint.sensors import Evidence
+from host.calibration.joint.fit import solve
 from host.calibration.joint.unknowns import Unknowns
+from host.calibration.robust.evidence import Evidence, Prior
 from host.calibration.wheels.model import BODY
 from host.messages import FloatArray
 

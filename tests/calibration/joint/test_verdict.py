@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from host.calibration.joint.fit import Prior, Solution, solve
+from host.calibration.joint.fit import Solution, solve
 from host.calibration.joint.pictures import pictures
 from host.calibration.joint.problem import Problem
-from host.calibration.joint.sensors import Evidence
 from host.calibration.joint.unknowns import Unknowns
 from host.calibration.joint.verdict import turrets_by_sensor, verdict
+from host.calibration.robust.evidence import Evidence, Prior
 from host.messages import FloatArray
 
 UNKNOWNS = Unknowns(6, [2, 3])
