@@ -9,7 +9,10 @@ from host.calibration.result import Check, at_least, at_most
 from host.messages import FloatArray
 
 _LONGEST = 5.0  # usual intervals that one counts as at most: what is lost says nothing
-_LATEST_S, _LATEST_SHARE = 0.005, 0.3  # the latter of an interval: slow cameras are no clocks
+_LATEST_S = 0.005
+_LATEST_SHARES = (0.3, 0.5)  # of an interval: slow cameras are no clocks; fast ones come in order
+_SHORT, _COMB = 0.2, 0.12  # quantile of intervals without a lost frame; rms off their multiples
+_LEAST_KEPT = 0.3  # of the frames
 _SIGMAS, _TOLERANCE_S = 3.0, 0.002
 
 
@@ -18,13 +21,27 @@ def lateness(times: FloatArray) -> float:
 
     Of two exponential latenesses with the mean m the difference is Laplace's distribution: its mean
     below zero, over all, is m / 2. Intervals that are shorter than the usual one show that;
-    frames that are lost make longer ones only.
+    frames that are lost make longer ones only, multiples of the usual one.
     """
     intervals = np.diff(times)
     if len(intervals) < 2:
         return 0.0
     usual = float(np.mean(np.minimum(intervals, _LONGEST * np.mean(intervals))))
-    return 2.0 * float(np.mean(np.maximum(usual - intervals, 0.0)))
+    off = _off_multiples(intervals, usual)
+    return 2.0 * float(np.mean(np.maximum(-(intervals - usual if off is None else off), 0.0)))
+
+
+def _off_multiples(intervals: FloatArray, usual: float) -> FloatArray | None:
+    """How far (s) intervals (n,) are off multiples of the shortest; None where they are none."""
+    short = float(np.quantile(intervals, _SHORT))
+    if not short > _LEAST_KEPT * usual:
+        return None
+    for _ in range(3):
+        multiples = np.maximum(np.rint(intervals / short), 1.0)
+        near = multiples <= _LONGEST
+        short = float(np.median(intervals[near] / multiples[near]))
+    off = np.where(near, intervals - short * multiples, 0.0)
+    return off if math.sqrt(float(np.mean(off**2))) < _COMB * short else None
 
 
 def stamps_check(tracks: Sequence[FloatArray]) -> Check:
@@ -34,7 +51,7 @@ def stamps_check(tracks: Sequence[FloatArray]) -> Check:
     return at_most(
         "lateness of motion capture's stamps, by their jitter",
         late,
-        max(_LATEST_S, _LATEST_SHARE * usual),
+        max(_LATEST_SHARES[0] * usual, min(_LATEST_S, _LATEST_SHARES[1] * usual)),
         "ms",
     ).otherwise(
         f"frames come at irregular times, about {1e3 * late:.0f} ms late on average: the true path "

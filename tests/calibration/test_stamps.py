@@ -40,6 +40,28 @@ def test_frames_that_are_lost_or_a_little_irregular_pass(rate_hz):
     assert stamps_check([np.zeros(0)]).passed
 
 
+@pytest.mark.parametrize("rate_hz", [10.0, 60.0, 120.0])
+@pytest.mark.parametrize("kept", ["at random", "two of three", "written in ms"])
+def test_a_constant_rate_with_lost_frames_is_regular(rate_hz, kept):
+    times = np.arange(2000) / rate_hz
+    chosen = {
+        "at random": np.random.default_rng(2).random(2000) > 0.4,
+        "two of three": np.arange(2000) % 3 != 1,
+        "written in ms": np.full(2000, True),
+    }[kept]
+    times = np.round(times, 3) if kept == "written in ms" else times
+    assert stamps_check([times[chosen]]).passed
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 120.0, 240.0])
+def test_frames_that_come_in_bursts_fail(rate_hz):
+    number = np.arange(2000)
+    times = (number + (-number) % 5) / rate_hz + 1e-4 * (number % 5)
+    assert not stamps_check([np.unique(times)]).passed
+    late = np.sort(number / rate_hz + np.random.default_rng(3).exponential(0.02, 2000))
+    assert not stamps_check([late]).passed
+
+
 @pytest.mark.parametrize(
     ("delay", "sigma", "passes"),
     [
