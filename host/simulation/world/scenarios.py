@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from host.errors import UserError
 from host.registry import SCENARIOS
-from host.simulation.world.settings import bounded, one_of, with_settings
+from host.simulation.world.settings import bounded, one_of, settings, with_settings
 
 STACKS = ("none", "own", "all")
 
@@ -156,5 +157,21 @@ def parse_scenario(text: str) -> Scenario:
     Raises UserError that names what is known, or the bound that a value breaks.
     """
     name = text.partition(":")[0]
-    scenario: Scenario = SCENARIOS.get(name)
-    return with_settings(scenario, text)
+    scenario: Scenario = with_settings(SCENARIOS.get(name), text)
+    _check_together(scenario, text)
+    return scenario
+
+
+def _check_together(scenario: Scenario, text: str) -> None:
+    """Raise UserError for settings that contradict each other."""
+    why = ""
+    if scenario.standing > scenario.robots:
+        why = f"standing={scenario.standing} is more than robots={scenario.robots}"
+    elif scenario.intruders >= scenario.robots:
+        why = f"intruders={scenario.intruders} must be less than robots={scenario.robots}"
+    elif scenario.fence_m > scenario.side_m:
+        why = f"fence_m={scenario.fence_m:g} is around the room of side_m={scenario.side_m:g}"
+    elif "behaviour" in settings(text) and scenario.stacks == "none":
+        why = f"behaviour={scenario.behaviour} needs stacks=own or stacks=all: paths are scripted"
+    if why:
+        raise UserError(f"scenario {text!r} contradicts itself", why, "change one of the two")
