@@ -50,10 +50,16 @@ def update(path: str | Path, settings: Mapping[str, Any], note: str) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Raise UserError for a file that its owner has set to read-only.
+    """Raise UserError for a pipe, and for a file that its owner has set to read-only.
 
-    It is replaced as a whole, which its folder would allow.
+    A file is replaced as a whole, which its folder would allow.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise UserError(
+            f"cannot write the configuration {path}",
+            "it is a device or a pipe",
+            "save it as a file, and name that with --robot",
+        )
     if path.is_file() and not path.stat().st_mode & 0o222:
         raise UserError(
             f"cannot write the configuration {path}",

@@ -74,11 +74,12 @@ def init(file: Path, find: bool, settings: Mapping[str, Any], json_path: Path | 
     """
     if file.exists() and (find or settings):
         load_config(file)
-        _with(settings, file.read_text(encoding="utf-8"), file)  # whether it can hold them
-        robot_file.update(file, settings, "")
+        if settings:
+            _with(settings, file.read_text(encoding="utf-8"), file)  # whether it can hold them
+            robot_file.update(file, settings, "")
     else:
         example = (data_folder() / _EXAMPLE).read_text(encoding="utf-8")
-        _write(file, _with(settings, example, file))
+        _write(file, _with(settings, example, file) if settings else example)
     devices = found_devices(load_config(file)) if find else {}
     if devices:
         note = f"found by swarmloc init, {datetime.date.today():%Y-%m-%d}"
@@ -98,7 +99,7 @@ def init(file: Path, find: bool, settings: Mapping[str, Any], json_path: Path | 
 def _with(settings: Mapping[str, Any], text: str, file: Path) -> str:
     """The text of a robot.toml with these settings. Raises UserError where it cannot hold them."""
     try:
-        return robot_file.updated(text, settings, "", str(file)) if settings else text
+        return robot_file.updated(text, settings, "", str(file))
     except UserError as error:
         raise UserError(
             f"{file} cannot hold these settings", error.why, "correct the values of --set"

@@ -3,6 +3,7 @@
 import errno
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -12,10 +13,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from host.cli.files import OutputFile
+from host.calibration import robot_file
+from host.cli.files import OutputFile, check_writable
 from host.cli.main import main
 from host.cli.options import Number
 from host.cli.terminal.layout import listing, terminal_columns
+from host.errors import UserError
 
 
 def commands(
@@ -173,3 +176,11 @@ def test_terminals_of_any_width_are_served(columns: str, monkeypatch: pytest.Mon
     monkeypatch.setenv("COLUMNS", columns)
     text = listing({"a long name of a figure": "word " * 20, "b": "1"})
     assert max(map(len, text.splitlines())) <= max(20, terminal_columns())
+
+
+def test_a_pipe_is_left_to_its_reader(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    check_writable(pipe)  # does not wait
+    with pytest.raises(UserError, match="it is a device or a pipe"):
+        robot_file.check_writable(pipe)
