@@ -108,6 +108,7 @@ def on_rays(
 _LOST_TRANSLATION, _LOST_HEADING = 0.015, 0.1
 # Then neither place nor heading are known at all: m² per axis, rad².
 _MOST_TRANSLATION, _MOST_HEADING = 1e4, 10.0
+_FARTHEST_M, _FARTHEST_RAD = 1e3, 1e3  # in one displacement, as `message_checks` has it
 _COAST_S = 0.3  # odometry is late by less, unless it has ended
 _LAST_S = 0.1  # over which a robot's speed is taken
 _HOLE_S = 0.01  # a shorter gap between displacements is a matter of clocks
@@ -190,13 +191,13 @@ class Path:
         if self._count:
             after = np.maximum(times - self.end, 0.0)
             known[:, 3:] += after[:, None] * (_LOST_TRANSLATION, _LOST_HEADING)
-        dx, dy = to_frame(last[:2], first[:3])
+        dx, dy = np.clip(to_frame(last[:2], first[:3]), -_FARTHEST_M, _FARTHEST_M)
         return Displacement(
             time=end,
             interval=end - start,
             dx=float(dx),
             dy=float(dy),
-            dpsi=float(last[2] - first[2]),
+            dpsi=min(max(float(last[2] - first[2]), -_FARTHEST_RAD), _FARTHEST_RAD),
             translation_variance=min(abs(float(last[3] - first[3])), _MOST_TRANSLATION),
             heading_variance=min(abs(float(last[4] - first[4])), _MOST_HEADING),
         )

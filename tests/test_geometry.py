@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from host.geometry import SECTORS, Path, polar, rotation, sector, to_frame, to_parent, wrap
+from host.message_checks import fault
 from host.messages import Displacement
 
 angles = st.floats(-1000.0, 1000.0)
@@ -158,6 +159,14 @@ def test_a_long_path_keeps_its_last_seconds_exactly_and_little_else(rate_hz):
     # What it has forgotten it takes for standing still: the oldest pose it knows is a recent one.
     oldest = np.flatnonzero((np.diff(kept.poses(times), axis=0) != 0.0).any(axis=1))[0]
     assert times[-1] - times[oldest] < 2.0 * (2.0 + 256 / rate_hz)
+
+
+def test_the_sum_of_sound_displacements_is_a_sound_one():
+    """Or a filter would refuse what the localizer makes of them, and the run would end."""
+    path = Path()
+    for k in range(1, 4):
+        path.append(Displacement(0.1 * k, 0.1, 900.0, -900.0, 900.0))
+    assert fault(path.between(0.0, 0.3)) is None
 
 
 def test_a_hole_in_the_odometry_is_not_taken_for_standstill():

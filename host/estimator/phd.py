@@ -30,7 +30,8 @@ class PhdFilter(ThingFilter):
     def _total(self, there: FloatArray, after: FloatArray) -> FloatArray:
         """While the lidar scans, it shows how many there are, and pictures of which class."""
         if self._time - self._scanned <= LONGEST_S:
-            return after / there
+            # After a long gap nothing may be left of a thing: 0 of 0.
+            return np.maximum(after, 1e-300) / np.maximum(there, 1e-300)
         return np.maximum(after, 1.0)
 
     def _reported(self, teammates: FloatArray) -> BoolArray:

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from host.config import BlindSector, FilterSettings, Lidar, PmbSettings
-from host.messages import Bearings, Displacement
+from host.estimator.phd import PhdFilter
+from host.messages import Bearings, Displacement, Positions
 from tests.estimator.standing_robot import MOST, RATE_HZ, Run, heard, seen
 
 # What these tests rely on, whatever the defaults are tuned to.
@@ -67,6 +68,15 @@ def test_a_teammate_that_stops_and_drives_off_again_is_a_teammate_again():
         place = place + np.array([0.0, 0.25]) / RATE_HZ
         estimate = run.scan([noisy(random, place)])
     assert len(estimate.positions) == 1
+
+
+def test_of_a_thing_that_fades_to_nothing_a_picture_makes_nothing():
+    """An interval may be of any length, whatever the times: shares of a weight of 0 are not nan."""
+    filter_ = PhdFilter()
+    filter_.update(Positions(0.0, np.array([[1.0, 0.0]]), 1e-4 * np.eye(2)[None]))
+    filter_.predict(Displacement(0.1, 1e6, 0.0, 0.0, 0.0))
+    filter_.update(Bearings(0.1, np.array([0.1]), np.array([0.01])))
+    assert np.isfinite(filter_._things.weights).all()
 
 
 def test_cameras_tell_within_a_second_that_a_standing_thing_is_a_teammate():
