@@ -269,7 +269,7 @@ def test_nothing_is_left_open(usb: FakeCamera) -> None:
 def test_a_frozen_camera_is_reported_and_its_pictures_measure_nothing(
     bench: Bench, usb: FakeCamera
 ) -> None:
-    bench.run(usb.path)
+    bench.run(usb.path, rate_hz=30.0)  # which comes on a slow computer, too
     bench.wait(lambda: len(bench.pictures()) > 2)
     usb.frozen = True
     health = bench.wait_reason("the pictures are frozen: the last")
