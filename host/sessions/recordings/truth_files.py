@@ -77,12 +77,18 @@ def _aligned(own: BodyPath, others: list[BodyPath], by_wheels: BodyPath) -> Cloc
         return align_clocks(own, by_wheels)
     except UserError as error:
         for other in others:
-            with contextlib.suppress(UserError):
-                align_clocks(other, by_wheels)
+            if _fits(other, by_wheels):
                 raise UserError(
                     error.what, error.why, f"body {other.name} moves as these wheels do: name it"
                 ) from error
         raise
+
+
+def _fits(path: BodyPath, by_wheels: BodyPath) -> bool:
+    with contextlib.suppress(UserError):
+        align_clocks(path, by_wheels)
+        return True
+    return False
 
 
 def _frames(paths: list[BodyPath], first: int, clock: ClockAlignment) -> Iterator[Bodies]:
