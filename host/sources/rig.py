@@ -131,5 +131,11 @@ def _motion_capture(robot: RobotConfig) -> dict[str, Source]:
     if robot.mocap.source == "natnet":
         return {MOCAP: NatNetClient(robot.mocap.natnet)}
     if robot.mocap.source == "ceiling":
+        if robot.mocap.ceiling.eye.source == "none":
+            raise UserError(
+                "there is no ceiling camera",
+                'source is "ceiling" in [mocap] of robot.toml, but "none" in [mocap.ceiling.eye]',
+                'name the camera there, or write "none" in [mocap], too',
+            )
         return {MOCAP: CeilingCamera(robot.mocap.ceiling)}
     return {}

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from host.config import Ceiling
+from host.config import Ceiling, parse_config
 from host.drivers.natnet.client import MOCAP
 from host.errors import UserError
 from host.messages import Bodies, Health, Message
 from host.sources.ceiling import CeilingCamera
+from host.sources.rig import real_rig
 from tests.perception.drawn_tags import draw
 
 pytestmark = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV came without ArUco")
@@ -111,3 +112,8 @@ def test_an_opencv_without_tags_is_told(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.delattr(cv2, "aruco")
     with pytest.raises(UserError, match=r"pip install"):
         CeilingCamera(CEILING)
+
+
+def test_a_ceiling_camera_that_nobody_named_is_said_before_a_run() -> None:
+    with pytest.raises(UserError, match='"none" in .mocap.ceiling.eye.'):
+        real_rig(parse_config('[mocap]\nsource = "ceiling"\n'), None)
