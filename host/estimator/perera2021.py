@@ -40,7 +40,7 @@ from host.estimator.gaussians.gaussian_mixture import (
     update_by_positions,
 )
 from host.estimator.sensor_models import beside_sectors, in_view
-from host.geometry import SECTORS, wrap
+from host.geometry import SECTORS, polar, wrap
 from host.message_checks import check
 from host.messages import Bearings, Displacement, Estimate, FloatArray, IntArray, Positions
 
@@ -114,7 +114,7 @@ class Perera2021Filter:
 
     def _lidar_detection(self, measured: Positions) -> FloatArray:
         """P_D (n,) of each component by the lidar, eq. 18: eq. 19 to 23."""
-        bearing, distance = self._polar()
+        distance, bearing = polar(self._rows[: Y + 1].T)
         detected = self._occlusion(bearing, distance)
         detected *= beside_sectors(bearing, self._centres, self._half_widths)  # eq. 20
         detected /= 1.02 + _exp(8.0 * (distance - 1.5))  # eq. 19
@@ -124,17 +124,12 @@ class Perera2021Filter:
 
     def _camera_detection(self, measured: Bearings) -> FloatArray:
         """P_D (n,) of each component by the cameras, eq. 29."""
-        bearing, distance = self._polar()
+        distance, bearing = polar(self._rows[: Y + 1].T)
         detected = self._occlusion(bearing, distance)
         detected /= 1.1 + _exp(5.0 * (distance - 4.0))  # eq. 30
         detected[distance < 1e-3] = 0.0  # repair 5
         detected *= in_view(bearing, measured.view)
         return np.minimum(detected, _MOST_DETECTION)
-
-    def _polar(self) -> tuple[FloatArray, FloatArray]:
-        """Bearing (n,) rad and distance (n,) m of each component."""
-        x, y = self._rows[: Y + 1]
-        return np.arctan2(y, x), np.hypot(x, y)
 
     def _occlusion(self, bearing: FloatArray, distance: FloatArray) -> FloatArray:
         """Eq. 21–22: every nearer component may hide this one."""

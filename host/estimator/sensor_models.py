@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import expit
 
 from host.config import Cameras, FilterSettings, Lidar
-from host.estimator.gaussians.gaussian_mixture import WEIGHT, X, Y
-from host.geometry import SECTORS, sector, wrap
+from host.estimator.gaussians.gaussian_mixture import WEIGHT, Y
+from host.geometry import SECTORS, polar, sector, wrap
 from host.messages import BoolArray, FloatArray
 
 _LEAST, _MOST = 0.01, 0.98  # a detection probability is never certain either way
@@ -53,8 +53,7 @@ def surroundings(
     rows (6, n) as in `gaussian_mixture`, the weight how surely each is there. width m: of what
     hides others. clearance (SECTORS,) m: as the scan measured it; None: worked out from the things.
     """
-    x, y = rows[X], rows[Y]
-    bearing, distance = np.arctan2(y, x), np.hypot(x, y)
+    distance, bearing = polar(rows[: Y + 1].T)
     if clearance is None:
         clearance = clearance_of(bearing, distance, rows[WEIGHT] > _BELIEVED, width)
     return bearing, distance, clearance
