@@ -9,7 +9,13 @@ import hypothesis
 import pytest
 
 # The same examples every time, on machines of any speed.
-hypothesis.settings.register_profile("swarmloc", derandomize=True, deadline=None, database=None)
+hypothesis.settings.register_profile(
+    "swarmloc",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
 hypothesis.settings.load_profile("swarmloc")
 
 
