@@ -73,14 +73,15 @@ def check_identity(
     story = best_story(moved, _explanations(moved, mocap.body), wheels.track_m)
     spells = story.spells()
     elsewhere = [s for s in spells if s.explanation.body != mocap.body]
+    here = [s for s in spells if s.explanation.body == mocap.body]
     _check_still(moved, own, mocap.body, ~_inside(moved, elsewhere))
     _check_bodies(moved, elsewhere, mocap.body)
     wrong = story.costs[:, 0] > FAILS
     check_repeated(times, ticks, moved.starts, wrong, moved.length_s)
     check_silent(times, ticks, {mocap.body: bodies[mocap.body]}, wheels)
-    if spells:
-        words = max(spells, key=lambda s: s.end - s.begin).explanation.words
-        alike = [s for s in spells if s.explanation.words == words]
+    if here:
+        words = max(here, key=lambda s: s.end - s.begin).explanation.words
+        alike = [s for s in here if s.explanation.words == words]
         if words in _LOSES:
             _check_counting(moved, alike)
         else:

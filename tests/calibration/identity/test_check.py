@@ -161,6 +161,9 @@ def test_a_robot_that_comes_back_with_another_number_is_named():
     with pytest.raises(UserError, match=r"body 1 is lost, and body 7 .* from (28|29|30)\.. s on"):
         check_identity(TIMES, TICKS, moved | others, CONFIGURED, Mocap())
     lost = {1: moved[1]}
+    moment = (TIMES > 25.0) & (TIMES < 34.0)  # too short to be taken for the robot
+    gone = {1: (TIMES[~moment], PATHS[1][~moment]), 7: (TIMES[moment], PATHS[1][moment])}
+    check_identity(TIMES, TICKS, gone, CONFIGURED, Mocap())
     check_identity(TIMES, TICKS, lost | others | {4: (TIMES, STILL)}, CONFIGURED, Mocap())
 
 
