@@ -7,7 +7,6 @@ import re
 import typing
 from collections.abc import Iterator, Sequence
 
-from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -101,13 +100,17 @@ def _unit_hint(location: list[int | str], value: object, model: type[BaseModel])
         return ""
     key = str(location[-1])
     rules = _section_of(location, model).model_fields[key].metadata
-    if not abs(value) <= 1e9 or not any(isinstance(rule, Gt | Ge | Lt | Le) for rule in rules):
+    if not abs(value) <= 1e9 or not any(map(_is_bound, rules)):
         return ""
     return "".join(
         f"; {next(words for words, meant in readings if _allowed(meant, rules))}"
         for readings in _readings(key, value)
         if any(_allowed(meant, rules) for _, meant in readings)
     )
+
+
+def _is_bound(rule: object) -> bool:
+    return any(hasattr(rule, side) for side in ("gt", "ge", "lt", "le"))
 
 
 def _allowed(value: float, rules: Sequence[object]) -> bool:
@@ -124,7 +127,7 @@ def _readings(key: str, value: float) -> Iterator[list[tuple[str, float]]]:
     rotation = next((whole for unit, whole in _ROTATIONS.items() if key.endswith(unit)), 0.0)
     if 0.0 < abs(value) <= rotation:
         unit, meant = key.rpartition("_")[2], value - math.copysign(rotation, value)
-        yield [(f"a full rotation less, {value:g} {unit} are {meant:.6g} {unit}", meant)]
+        yield [(f"{value:g} {unit} and {meant:.6g} {unit} are one direction", meant)]
     unit = _SHOWN_UNITS.get(suffix, suffix[1:])
     yield [
         (f"{value:g} {other} are {value * factor:.6g} {unit}", value * factor)
