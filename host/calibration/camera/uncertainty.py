@@ -12,9 +12,9 @@ from host.calibration.robust.evidence import covariance_of as robust_covariance
 from host.messages import BoolArray, FloatArray
 
 # Std of what repeating does not show: by how much all strips are found too low or too high, and how
-# far off their middles are taken to be (in rendered pictures less than 0.1 px; 0.14 mm rms); which
+# far off their middles are taken to be (in rendered pictures less than 0.1 px and 0.2 mm); which
 # instant of an exposure is the picture's.
-_LOW_PX, _STRIP_M, _STAMP_S = 0.1, 1.4e-4, 1e-4
+_LOW_PX, _STRIP_M, _STAMP_S = 0.1, 2e-4, 1e-4
 # Light from one side moves a strip's middle to that side. In rendered pictures the error depends on
 # the direction of view as two waves around the room of 0.11 px amplitude each: of each one's sine
 # and cosine, the std.
