@@ -24,6 +24,7 @@ from host.messages import FloatArray
 from host.registry import SCENARIOS
 from host.simulation.world import scenarios
 from host.simulation.world.scenarios import Scenario
+from host.simulation.world.settings import settings as settings_of
 
 WIDTH, TOP = 900, 112  # of the picture and above the first filter, px
 BAR, GROUP = 24, 74  # height of a bar and of a filter's two bars with the gap below, px
@@ -100,7 +101,7 @@ def read(rows: Sequence[dict[str, Any]]) -> Comparison:
         if any(row.get(key) is None for key in (*(panel.key for panel in PANELS), "false")):
             raise _unfit(f"{name} has no figures of {sensors} with seed={seed}")
     which = f"{{{','.join(map(str, seeds))}}}" if len(seeds) > 1 else str(seeds[0])
-    given = {**scenarios.settings(source), "seed": which}
+    given = {**settings_of(source), "seed": which}
     listed = ",".join(f"{key}={value}" for key, value in given.items())
     return Comparison(f"{scenario.name}:{listed}", scenario.seconds, seeds, found)
 
