@@ -40,7 +40,6 @@ DETECTION = "lidar detection"
 _POLL_S = 0.1
 _BEHIND_S = 0.5  # a message that waited longer for the localizer makes estimates of the past
 _STOP_S = 1.2  # for all devices together to stop their motors and close their ports
-_LEAST_S = 0.05  # for each of them, also where this computer stood still in that time
 _DRAIN_S = 0.3  # for what is queued by then
 _SLOW = "this computer is too slow"
 _LESS = "close other programs, or use fewer sensors (--sensors lidar)"
@@ -132,9 +131,11 @@ class Pipeline:
 
     def __exit__(self, *_: object) -> None:
         self.stop.set()
-        end = time.monotonic() + _STOP_S
+        # Counted, not timed: a computer that stands still meanwhile makes no device hang.
+        waits = iter(range(round(_STOP_S / _POLL_S)))
         for thread in self._sources:
-            thread.join(max(_LEAST_S, end - time.monotonic()))
+            while thread.is_alive() and next(waits, None) is not None:
+                thread.join(_POLL_S)
             if thread.is_alive():
                 self.failures[thread.name] = UserError(
                     f"the {thread.name} did not stop within {_STOP_S:.1f} s",
