@@ -42,8 +42,7 @@ def update(path: str | Path, settings: Mapping[str, Any], note: str) -> None:
     path = Path(path)
     load_config(path)
     check_writable(path)
-    # Not by read_text, which would lose how the lines end.
-    text = path.read_bytes().decode("utf-8")
+    text = path.read_bytes().decode("utf-8")  # read_text would lose how the lines end
     new = updated(text, settings, note, str(path))
     if new != text:
         _write(path.resolve(), new)
