@@ -132,10 +132,11 @@ class Pipeline:
     def __exit__(self, *_: object) -> None:
         self.stop.set()
         # Counted, not timed: a computer that stands still meanwhile makes no device hang.
-        waits = iter(range(round(_STOP_S / _POLL_S)))
+        waits = round(_STOP_S / _POLL_S)
         for thread in self._sources:
-            while thread.is_alive() and next(waits, None) is not None:
+            while thread.is_alive() and waits > 0:
                 thread.join(_POLL_S)
+                waits -= thread.is_alive()  # one that ended took less than a wait
             if thread.is_alive():
                 self.failures[thread.name] = UserError(
                     f"the {thread.name} did not stop within {_STOP_S:.1f} s",

@@ -154,6 +154,31 @@ def test_a_computer_that_stood_still_at_the_end_still_waits_for_its_devices(monk
     assert not pipeline.failures
 
 
+def test_many_devices_that_stop_one_after_the_other_at_once_are_all_in_time(monkeypatch):
+    """Each ends only while it is waited for: none has used up what the next may take."""
+    waited_for = {f"device {k}": threading.Event() for k in range(20)}
+    join = threading.Thread.join
+
+    def let_go(thread, timeout=None):
+        if thread.name in waited_for:
+            waited_for[thread.name].set()
+            timeout = LONG_S
+        join(thread, timeout)
+
+    class Stops:
+        def __init__(self, event):
+            self._event = event
+
+        def run(self, emit, stop):
+            self._event.wait(LONG_S)
+
+    monkeypatch.setattr(threading.Thread, "join", let_go)
+    sources = {name: Stops(event) for name, event in waited_for.items()}
+    with Pipeline(a_localizer(), sources, {}) as pipeline:
+        pass
+    assert not pipeline.failures
+
+
 def test_a_device_that_ignores_the_end_and_goes_on_does_not_hold_the_run(monkeypatch):
     monkeypatch.setattr(pipeline_module, "_STOP_S", 0.1)
     over = threading.Event()
