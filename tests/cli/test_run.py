@@ -129,6 +129,7 @@ def handlers():
     """Gives what handles the signals to end; puts it back."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests may run under nohup
     yield lambda: [signal.getsignal(number) for number in numbers]
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
@@ -155,6 +156,15 @@ def test_before_and_after_a_run_each_signal_is_as_ctrl_c(handlers):
         assert handlers() == 3 * [signal.SIG_DFL]
         for each, handler in zip(numbers, before, strict=True):
             signal.signal(each, handler)
+
+
+def test_what_runs_under_nohup_goes_on_without_its_terminal(handlers):
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    for handled in (signals_interrupt, signals_end, signals_caught):
+        with handled():
+            signal.raise_signal(signal.SIGHUP)
+            assert handlers()[2] is signal.SIG_IGN
+        assert handlers()[2] is signal.SIG_IGN
 
 
 def test_while_a_command_is_loaded_each_signal_ends_it(handlers):

@@ -50,7 +50,10 @@ def _handled_by(
     if threading.current_thread() is not threading.main_thread():
         yield  # signals reach the main thread alone
         return
-    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    numbers = set(_SIGNALS)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        numbers.remove(signal.SIGHUP)  # as under nohup: what runs goes on without its terminal
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield
     finally:
