@@ -3,7 +3,7 @@
 Over windows of two seconds, the rotation that the wheels should give is compared with that of every
 body seen: as the wheels count, with one reversed, both exchanged, or one that loses counts. What
 holds from when to when is found in `spells`; encoders that count nothing, or always the same, are
-found in `stuck`.
+found in `stuck`, those without a direction in `one_way`.
 """
 
 import itertools
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from host.calibration.identity.one_way import check_one_way
 from host.calibration.identity.spells import (
     FAILS,
     LEAST_WINDOWS,
@@ -78,7 +79,9 @@ def check_identity(
     _check_bodies(moved, elsewhere, mocap.body)
     wrong = story.costs[:, 0] > FAILS
     check_repeated(times, ticks, moved.starts, wrong, moved.length_s)
-    check_silent(times, ticks, {mocap.body: bodies[mocap.body]}, wheels)
+    alone = {mocap.body: bodies[mocap.body]}
+    check_silent(times, ticks, alone, wheels)
+    check_one_way(times, ticks, alone, wheels, parts_of(here, moved)[0])
     if here:
         words = max(here, key=lambda s: s.end - s.begin).explanation.words
         alike = [s for s in here if s.explanation.words == words]

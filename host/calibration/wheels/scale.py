@@ -3,7 +3,8 @@
 Against a true path whose distances are 5 % too large, both radii and the track come out 5 % larger
 than they are. One length that is configured wrongly does not do that. So where all three are off by
 one factor it is the truth's scale: of a ceiling camera the tags' size or a height, of a tracker the
-wand that it was calibrated with.
+wand that it was calibrated with. Or all three lengths are configured wrongly alike: a drive does
+not show which.
 """
 
 import math
@@ -41,7 +42,8 @@ class Scale:
         off = 100.0 * (self.factor - 1.0)
         return (
             f"{abs(off):.1f} % {'larger' if off > 0.0 else 'smaller'} than the wheels' "
-            f"(± {100.0 * self.sigma:.1f} %; both radii and the track alike)"
+            f"(± {100.0 * self.sigma:.1f} %; both radii and the track alike, as far as they are "
+            "known)"
         )
 
     def checks(self, mocap: Mocap) -> list[Check]:
@@ -53,8 +55,9 @@ class Scale:
         return [
             at_most("the ceiling camera's distances off the wheels'", off, bound, "%").otherwise(
                 f"the ceiling camera's distances are {self._words()}: tag_m, tag_height_m or the "
-                "camera's z_m in [mocap.ceiling] is wrong; measure the tag's black square and both "
-                "heights, and fit lens and mounting again"
+                "camera's z_m in [mocap.ceiling] is wrong, or the radii and track_m in [wheels] "
+                "are; measure the tag's black square and both heights, and the wheels, then fit "
+                "lens and mounting again"
             )
         ]
 

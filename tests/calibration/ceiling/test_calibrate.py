@@ -149,6 +149,7 @@ def test_distances_that_are_not_those_of_the_wheels_are_named(factor: float, wor
     found = calibrate_delay(gathered(dataclasses.replace(made, truth=truth), config))
     (failure,) = (each for each in found.failures if "ceiling camera's distances" in each)
     assert re.search(f"distances are {words}.*than the wheels' ", failure)
+    assert "[mocap.ceiling] is wrong, or the radii and track_m in [wheels] are" in failure
 
 
 def test_one_wheel_of_another_radius_is_not_the_ceiling_cameras_scale() -> None:

@@ -1,5 +1,6 @@
 """Another robot's body, dead and exchanged encoders, bodies that stand still or change places."""
 
+import contextlib
 import math
 
 import numpy as np
@@ -200,3 +201,24 @@ def test_what_cannot_be_judged_passes():
     check_identity(TIMES, TICKS, {2: (TIMES, PATHS[2])}, CONFIGURED, Mocap())
     straight = ticks_of(np.full(len(TIMES), 0.2), np.zeros(len(TIMES)))
     check(straight, b1=path(np.full(len(TIMES), 0.2), np.zeros(len(TIMES))))
+
+
+@pytest.mark.parametrize(
+    ("one_way", "words"),
+    [
+        ((), ""),
+        ((0,), "left encoder counts forward while its wheel goes"),
+        ((1,), "right encoder counts forward while its wheel goes"),
+        ((0, 1), "both encoders count forward while their wheels go"),
+    ],
+)
+def test_encoders_that_count_without_a_direction_are_named_where_the_robot_backs_up(one_way, words):
+    speeds, rates = drive(1)
+    for begin, end in ((10.0, 12.0), (30.0, 36.0)):
+        speeds[round(begin / STEP_S) : round(end / STEP_S)] *= -1.0
+    steps = np.diff(ticks_of(speeds, rates), axis=0, prepend=0)
+    steps[:, list(one_way)] = np.abs(steps[:, list(one_way)])
+    ticks, moved = np.cumsum(steps, axis=0), path(speeds, rates)
+    when = rf"{words} backward from (10|9)\.. to 1[12].* and from (29|30)"
+    with pytest.raises(UserError, match=when) if words else contextlib.nullcontext():
+        check(ticks, b1=moved)
