@@ -18,6 +18,7 @@ _LEAST_WINDOWS = 4  # in a row, in which a wheel goes backward
 _LEAST_WAY_M = 0.015  # counted in a window: less may be slip
 _MOST_DOWN = 0.005  # of the steps of a counter that does not count down: noise
 _WRONG = 0.35  # of a way: by how much it may be off
+_MOST_MISSED = 0.2  # of how the body moves, in most windows
 _PASSES, _LEAST_MISS = 15, 1e-3  # of a fit by least absolute deviations
 
 
@@ -84,6 +85,8 @@ def _goes_back(moved: Moved, wrong: Sequence[tuple[float, float]]) -> BoolArray:
         by_ways = np.linalg.lstsq(ways * weights, motions * weights, rcond=None)[0]
         missed = np.linalg.norm(motions - ways @ by_ways, axis=1, keepdims=True)
         weights = 1.0 / np.sqrt(np.maximum(missed, _LEAST_MISS))
+    if np.median(missed) > _MOST_MISSED * np.median(np.linalg.norm(motions, axis=1)):
+        return back  # another robot's body, which is seen elsewhere
     counted, went = moved.ways[known], body[known] @ np.linalg.pinv(by_ways)
     back[known] = (counted > _LEAST_WAY_M) & (np.abs(went + counted) < _WRONG * counted)
     return back

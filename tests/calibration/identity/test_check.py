@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from host.calibration.identity.check import check_identity
+from host.calibration.identity.one_way import check_one_way
 from host.config import Mocap, Wheels
 from host.errors import UserError
 
@@ -222,3 +223,9 @@ def test_encoders_that_count_without_a_direction_are_named_where_the_robot_backs
     when = rf"{words} backward from (10|9)\.. to 1[12].* and from (29|30)"
     with pytest.raises(UserError, match=when) if words else contextlib.nullcontext():
         check(ticks, b1=moved)
+
+
+@pytest.mark.parametrize("seed", range(2, 10))
+def test_the_wheels_of_another_robot_are_not_called_without_a_direction(seed):
+    own = {1: (TIMES, path(*drive(seed)))}
+    check_one_way(TIMES, TICKS, own, CONFIGURED, [])
