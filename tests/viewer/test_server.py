@@ -14,14 +14,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from websockets.asyncio.server import serve
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from host.errors import UserError
+from host.viewer import server
 from host.viewer.server import Viewer
 from tests.viewer import scenes
 
 LONG_S, PING_S = 30.0, 60.0  # bounds on waiting; readers that say nothing are let go after PING_S
+LIBRARY_S = 2 * PING_S  # see `patient`
 DOC = (Path(__file__).resolve().parents[2] / "docs" / "stream.md").read_text()
 
 
@@ -39,6 +42,13 @@ def get(url, **headers):
     request = urllib.request.Request(url, headers={k.title(): v for k, v in headers.items()})
     with urllib.request.urlopen(request, timeout=LONG_S) as answer:
         return answer.status, dict(answer.headers), answer.read().decode()
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """The library itself waits for readers longer than tests do: what lets go of them is ours."""
+    waits = {"open_timeout": LIBRARY_S, "close_timeout": LIBRARY_S, "ping_timeout": LIBRARY_S}
+    monkeypatch.setattr(server, "serve", lambda *args, **how: serve(*args, **{**how, **waits}))
 
 
 def test_a_reader_gets_what_is_known_now(served):
@@ -89,7 +99,7 @@ def test_a_shared_robot_asks_for_its_token(served):
     assert get(f"http://127.0.0.1:{port}/?{known}")[0] == 200
 
 
-def test_twenty_readers_and_one_that_reads_nothing(served):
+def test_twenty_readers_and_one_that_reads_nothing(patient, served):
     running = served(scenes.a_scan(1.0, *((0.001 * k + 1.0, 1.0) for k in range(700))))
     asleep = socket.create_connection(address_of(running))
     asleep.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -107,7 +117,7 @@ def test_twenty_readers_and_one_that_reads_nothing(served):
     asleep.close()
 
 
-def test_it_ends_at_once_whoever_reads():
+def test_it_ends_at_once_whoever_reads(patient):
     with contextlib.ExitStack() as stack:
         with Viewer(scenes.a_scene(), port=0) as viewer:
             stream = viewer.url.replace("http:", "ws:") + "stream"
@@ -166,7 +176,7 @@ def test_pictures_are_for_who_asks_and_few_a_second():
     assert told["blobs"] == [{"x": 100.0, "y": 50.0, "direction": 0.5, "range": 1.5}]
 
 
-def test_a_connection_that_says_nothing_does_not_hold_the_end(served):
+def test_a_connection_that_says_nothing_does_not_hold_the_end(patient, served):
     running = served()
     silent = socket.create_connection(address_of(running))  # as browsers open some to have them
     with silent, connect(running.stream) as stream:
