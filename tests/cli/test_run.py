@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from host import pipeline
 from host.cli.main import main
 from host.cli.terminal.signals import signals_caught, signals_end, signals_interrupt
 from host.messages import (
@@ -25,6 +26,7 @@ from host.messages import (
 )
 from host.recording.content import RecordedEstimate
 from host.recording.log import Recording
+from host.viewer import server
 
 COMMAND = [sys.executable, "-c", "from host.cli.main import main; main()"]
 LONG_S = 40.0  # a bound on waiting, not on speed
@@ -194,6 +196,11 @@ def test_a_signal_ends_it_at_any_moment(after_s, tmp_path):
     assert "did not stop" not in written  # as of what is waited for in vain
     assert "Traceback" not in written
     assert not list(tmp_path.glob("swarmloc-*")), "the simulation leaves its folder behind"
+
+
+def test_what_waits_at_the_end_waits_for_two_seconds_in_all():
+    """As the changelog promises: for devices, for the queue, and for readers of the page."""
+    assert pipeline._STOP_S + pipeline._DRAIN_S + server._GOODBYE_S < 2.0
 
 
 def test_a_second_signal_ends_what_the_first_one_waits_for():
