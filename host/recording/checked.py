@@ -47,7 +47,7 @@ _KNOWN = set(Opcode)
 _NO_INDEX = "the index at its end is damaged or missing: `swarmloc record --repair` makes a new one"
 _UNREADABLE = (
     *(McapError, ValueError, KeyError, IndexError, TypeError, OverflowError, RuntimeError),
-    *(struct.error, zlib.error, ZstdError),
+    *(struct.error, zlib.error, ZstdError, OSError),  # OSError: of a disk's bad sector
 )
 
 
@@ -117,7 +117,8 @@ class CheckedMcap:
         try:
             yield
         except _UNREADABLE as error:
-            raise self._damaged(str(error) or type(error).__name__) from error
+            why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise self._damaged(why) from error
 
     def _ours(self, record: McapMessage) -> bytes | None:
         """The content of a record of ours, None where it comes again."""
@@ -146,8 +147,9 @@ class CheckedMcap:
                             breakup_chunk(record, True) if isinstance(record, Chunk) else [record]
                         )
                     if isinstance(record, Footer):
-                        if not self._has_index(file, record):
-                            self.remarks.append(_NO_INDEX)
+                        with self.checking():
+                            indexed = self._has_index(file, record)
+                        self.remarks += [] if indexed else [_NO_INDEX]
                         return
                 if self.finished:
                     self.remarks.append(_NO_INDEX)
@@ -159,11 +161,11 @@ class CheckedMcap:
     def _next(self, file: BinaryIO) -> McapRecord | None:
         """The next record; None where the file ends before or within it."""
         self._place = file.tell()
-        head = file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            return None
-        opcode, length = _HEAD.unpack(head)
         with self.checking():
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                return None
+            opcode, length = _HEAD.unpack(head)
             if opcode not in _KNOWN or length > _LARGEST:
                 raise ValueError(f"no record is of kind {opcode} and has {length} bytes")
             if length > self._size - file.tell():
@@ -216,9 +218,11 @@ class CheckedMcap:
         )
 
 
-def _opened(path: Path) -> BinaryIO:
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
-        return path.open("rb")
+        with path.open("rb") as file:
+            yield file
     except OSError as error:
         raise UserError(
             f"cannot read the recording {path}",

@@ -2,10 +2,12 @@
 
 import dataclasses
 import errno
+import io
 import os
 import struct
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,6 +121,37 @@ def test_a_flipped_bit_at_each_percent_is_said_and_costs_nothing_before_it(whole
         if "is damaged at byte" in said:
             whole_before = sum(end <= place for _, end in records)
             assert f"saves the {whole_before} records before" in said, f"byte {place}"
+
+
+class BadSector(io.FileIO):
+    """A file of which nothing can be read from `begin` on."""
+
+    begin = 0
+
+    def readinto(self, buffer):
+        if self.tell() + len(buffer) > self.begin:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return super().readinto(buffer)
+
+
+def test_what_a_bad_sector_of_the_disk_leaves_is_read_and_saved(whole, tmp_path, monkeypatch):
+    path, data, expected = whole
+    begin, _ = ours(data)[len(ours(data)) // 2]
+
+    def opened(path, mode):
+        return open(path, mode) if mode != "rb" else io.BufferedReader(BadSector(path), 1)
+
+    monkeypatch.setattr(Path, "open", opened)
+    with pytest.raises(UserError, match=r"cannot read the recording .*\nInput/output error"):
+        Recording(path)
+    monkeypatch.setattr(BadSector, "begin", begin)
+    messages, said = read(path)
+    assert 20 < len(messages) < len(expected)
+    assert messages == expected[: len(messages)]
+    assert f"is damaged at byte {begin} of {len(data)}\nInput/output error" in said
+    saved = repair(path, tmp_path / "saved.mcap")
+    monkeypatch.undo()
+    assert read(saved.output)[0] == messages
 
 
 def test_missing_doubled_and_exchanged_records_are_said(whole, tmp_path):
