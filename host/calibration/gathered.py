@@ -151,6 +151,12 @@ class Gathered:
         """When (k,) s motion capture saw anything, in the order in which it came."""
         return np.array([frame.time for frame in self.bodies])
 
+    @property
+    def own_times(self) -> FloatArray:
+        """When (k,) s it saw the robot's own body, in the order in which it came."""
+        body = self.config.mocap.body
+        return np.array([frame.time for frame in self.bodies if body in frame.identities])
+
     def take(self, message: Message) -> None:
         """Keep a message if calibration has a use for it."""
         if isinstance(message, Scan):

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from host.calibration.stamps import delay_check, lateness, stamps_check
+from host.calibration.stamps import (
+    delay_check,
+    lateness,
+    rounding_step,
+    rounding_warnings,
+    stamps_check,
+)
 
 REGULAR = np.arange(6000) * 0.01
 
@@ -73,3 +79,31 @@ def test_frames_that_come_in_bursts_fail(rate_hz):
 )
 def test_a_negative_delay_is_refused(delay, sigma, passes):
     assert delay_check("delay", delay, sigma).passed is passes
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "step_s"), [(120, 0.01), (60, 0.01), (200, 0.01), (120, 0.005)]
+)
+@pytest.mark.parametrize("rounded", [np.round, np.floor])
+@pytest.mark.parametrize("lost", [0.0, 0.02])
+def test_stamps_that_were_rounded_are_named_with_their_step(rate_hz, step_s, rounded, lost):
+    kept = np.random.default_rng(4).random(3000) >= lost
+    times = rounded((0.0031 + np.arange(3000) / rate_hz) / step_s)[kept] * step_s
+    assert rounding_step(times) == pytest.approx(step_s)
+    (words,) = rounding_warnings([times])
+    assert f"steps of {1e3 * step_s:g} ms, as if rounded" in words
+    check = stamps_check([times])
+    assert check.passed or check.advice == words
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 30.0, 60.0, 100.0, 120.0, 240.0])
+@pytest.mark.parametrize("lost", [0.0, 0.02, 0.1, 0.4, 0.5, 0.7])
+@pytest.mark.parametrize("jitter_s", [0.0, 1e-6, 3e-4])
+def test_frames_at_a_constant_rate_lost_or_not_are_not_rounded(rate_hz, lost, jitter_s):
+    random, number = np.random.default_rng(5), np.arange(3000)
+    for kept in (random.random(3000) >= lost, number % 3 != 1, number % 7 != 1):
+        times = number[kept] / rate_hz
+        assert not rounding_warnings([times + random.normal(0.0, jitter_s, len(times))])
+        assert not rounding_warnings([np.round(times, 3)])
+    two_rates = np.cumsum(np.repeat([1.0, 2.0, 1.0], [100, 2000, 100]) / rate_hz)
+    assert not rounding_warnings([np.zeros(0), np.zeros(100), two_rates])

@@ -26,7 +26,7 @@ from host.calibration.coverage import missing_rotations
 from host.calibration.gathered import Gathered
 from host.calibration.result import Calibration, Fitted, Quantity
 from host.calibration.robust.statistics import normal_sigma
-from host.calibration.stamps import stamps_check
+from host.calibration.stamps import rounding_warnings, stamps_check
 from host.config import Camera, Cameras
 from host.errors import UserError
 from host.geometry import wrap
@@ -99,6 +99,7 @@ def calibrate(gathered: Gathered, lenses: Mapping[str, LensFit] | None = None) -
             f"bearings rms {math.degrees(math.sqrt(float(np.mean(off**2)))):.2f} deg over "
             f"{len(fit.used)} strips, {100 * np.mean(fit.used):.0f} % of them used"
         ),
+        warnings=tuple(rounding_warnings([gathered.own_times])),
         pictures=pictures(cameras, fit, table, reaches),
         settings={f"camera.{CAMERAS[n]}.lens": "equidistant" for n in (0, 1) if fit.fitted[n]},
         figures=_figures(fit, off, table, isinstance(reference, Captured)),

@@ -36,7 +36,7 @@ from host.calibration.robust.time_offset import (
     fit_jointly,
     scan,
 )
-from host.calibration.stamps import delay_check, stamps_check
+from host.calibration.stamps import delay_check, rounding_warnings, stamps_check
 from host.errors import UserError
 from host.geometry import polar, to_parent, wrap
 from host.messages import FloatArray, IntArray
@@ -95,6 +95,7 @@ def calibrate(gathered: Gathered) -> Calibration:
         ),
         residuals=f"rms {1e3 * outcome.rms:.1f} mm over {used} sightings of teammates, "
         f"{100.0 * outcome.share:.0f} % of all turrets seen",
+        warnings=tuple(rounding_warnings([gathered.own_times])),
         pictures=pictures(outcome),
         joint=((*LIDAR, "lidar.delay_s"), covariance[:4, :4]),
         figures={

@@ -12,7 +12,7 @@ import numpy as np
 
 from host.calibration.identity.check import check_identity
 from host.calibration.result import Calibration, Check, at_most
-from host.calibration.stamps import stamps_check
+from host.calibration.stamps import rounding_warnings, stamps_check
 from host.calibration.wheels.fit import WINDOW_S, Fit, fit, rough_start
 from host.calibration.wheels.model import LAGS, Drive, values_of, without_absurd_rows
 from host.calibration.wheels.noise import noise
@@ -70,7 +70,12 @@ def calibrate(
             *scale.checks(mocap),
         ),
         residuals=residuals(found),
-        warnings=(*words[: min(absurd, 1)], *warnings(driven), *scale.warnings(mocap)),
+        warnings=(
+            *words[: min(absurd, 1)],
+            *warnings(driven),
+            *scale.warnings(mocap),
+            *rounding_warnings([d.truth_times if d.stamps is None else d.stamps for d in drives]),
+        ),
         pictures=pictures(drives, found, (wheels.counts_per_turn, nominal), driven),
         joint=(KEYS, found.covariance[:6, :6]),
         settings={"wheels.counts_per_turn": found.counts} if other_counts else {},

@@ -29,7 +29,8 @@ def drives_of(gathered: Gathered) -> list[Drive]:
         )
     tracks = gathered.tracks()
     body = gathered.config.mocap.body
-    seen = np.unique([frame.time for frame in gathered.bodies if body in frame.identities])
+    stamps = gathered.own_times
+    seen = np.unique(stamps)
     truth = tracks.body(body, seen)
     known = np.isfinite(truth).all(axis=1)
     begins = [step.time - step.interval for step in steps]
@@ -41,7 +42,9 @@ def drives_of(gathered: Gathered) -> list[Drive]:
         ticks = np.cumsum([(0, 0), *(step.ticks for step in part if step.ticks)], axis=0)
         within = known & (seen >= times[0] - _MARGIN_S) & (seen <= times[-1] + _MARGIN_S)
         name = f"drive from {times[0]:.1f} s" if holes else "drive"
-        drives.append(Drive(times, ticks.astype(np.int64), seen[within], truth[within], name))
+        drives.append(
+            Drive(times, ticks.astype(np.int64), seen[within], truth[within], name, stamps)
+        )
     return drives
 
 

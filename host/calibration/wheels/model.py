@@ -26,7 +26,8 @@ class Drive:
 
     times (n,) s; ticks (n, 2): left, right, counted from the start. truth_times (m,) s;
     truth (m, 3): x, y (m), heading (rad, not wrapped) on the floor; instants at which the body
-    was lost are left out.
+    was lost are left out. stamps (k,) s: of all frames as they came, also of equal ones; None:
+    truth_times are all.
     """
 
     times: FloatArray
@@ -34,6 +35,7 @@ class Drive:
     truth_times: FloatArray
     truth: FloatArray
     name: str = ""
+    stamps: FloatArray | None = None
 
     def part(self, start: float, end: float) -> "Drive":
         """What of it lies from `start` to `end` (s), both included."""
