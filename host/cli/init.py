@@ -84,8 +84,11 @@ def init(file: Path, find: bool, settings: Mapping[str, Any], json_path: Path | 
     if devices:
         note = f"found by swarmloc init, {datetime.date.today():%Y-%m-%d}"
         robot_file.update(file, devices, note)
-    write_json(json_path, {"file": str(file), "settings": {**settings, **devices}})
-    for key, value in {**settings, **devices}.items():
+    shown = {**settings, **devices}
+    if "link.key" in shown:
+        shown["link.key"] = "(as given)"  # a secret of those who have the file
+    write_json(json_path, {"file": str(file), "settings": shown})
+    for key, value in shown.items():
         click.echo(f"  {key} = {value}")
     if find and not devices:
         click.echo("no new device was found")

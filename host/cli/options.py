@@ -107,9 +107,9 @@ def truth_options(command: AnyCommand) -> AnyCommand:
         "--truth",
         callback=_truth,
         metavar="FILE[:BODY]",
-        help="True paths for a recording, from a file: a CSV export of Motive, a CSV with the "
-        "columns time,x,y,heading, or a ROS bag. BODY: this robot's body in it (of a bag: its "
-        "topic or frame).",
+        help="True paths for a recording, from a file: an export of Motive, Vicon (CSV) or QTM "
+        "(TSV), a CSV with the columns time,x,y,heading, or a ROS bag. BODY: this robot's body in "
+        "it (of a bag: its topic or frame).",
     )
     units = click.option(
         "--truth-units",

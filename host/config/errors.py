@@ -72,7 +72,14 @@ def _explain(detail: ErrorDetails, model: type[BaseModel], text: str | None) -> 
     if "number" in kind and isinstance(value, str | float):
         words += ", without quotes and unit" if isinstance(value, str) else ", without a point"
     words += _unit_hint(location, value, model)
-    return f"{where} = {_shown(_as_toml(value))}: {words[:1].lower()}{words[1:]}"
+    given = "" if _is_secret(location, model) else f" = {_shown(_as_toml(value))}"
+    return f"{where}{given}: {words[:1].lower()}{words[1:]}"
+
+
+def _is_secret(location: list[int | str], model: type[BaseModel]) -> bool:
+    """Whether its value is not to be seen, as the link's key: errors are shown to others."""
+    field = _section_of(location, model).model_fields.get(str(location[-1]))
+    return field is not None and not field.repr
 
 
 def _is_item(location: list[int | str]) -> bool:
@@ -123,6 +130,8 @@ def _allowed(value: float, rules: Sequence[object]) -> bool:
 
 def _readings(key: str, value: float) -> Iterator[list[tuple[str, float]]]:
     """Other readings of a number, in words and in the key's unit; in a list, the likely first."""
+    if "_per_" in key:  # of a rate, the last is not the unit
+        return
     suffix = next((each for each in _UNITS if key.endswith(each)), "")
     rotation = next((whole for unit, whole in _ROTATIONS.items() if key.endswith(unit)), 0.0)
     if 0.0 < abs(value) <= rotation:

@@ -85,3 +85,12 @@ def test_settings_and_devices_go_into_a_file_new_or_old(
     assert file.read_text("utf-8") == text
     wrong = CliRunner().invoke(main, ["init", str(file), "--set", "nam=robot8"])
     assert wrong.exit_code == 2
+
+
+def test_the_links_key_is_not_shown(tmp_path: Path) -> None:
+    file, figures = tmp_path / "robot.toml", tmp_path / "figures.json"
+    command = ["init", str(file), "--set", "link.key=0123456789abcdef", "--json", str(figures)]
+    done = CliRunner().invoke(main, command)
+    assert done.exit_code == 0, done.output
+    assert "0123456789" in file.read_text()
+    assert "0123456789" not in done.output + figures.read_text()

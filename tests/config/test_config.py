@@ -333,6 +333,7 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
             "[camera.front]\nwidth_px = 640\ncentre_x_px = 959.5\n",
             "line 3: camera.front: centre_x_px (959.5) must lie in the picture",
         ),
+        (f"[link]\nkey = '{300 * 'k'}'\n", "line 2: link.key: must have at most 200 characters"),
         ("[lidar]\nheading_rad = 45\n", "45 deg are 0.785398 rad"),
         ("[wheels]\nleft_radius_m = 32.5\n", "32.5 mm are 0.0325 m"),
         ("[lidar]\ndelay_s = 150\n", "150 ms are 0.15 s"),
@@ -465,3 +466,26 @@ def test_a_file_of_another_kind_is_told(tmp_path: Path) -> None:
     path.write_bytes(b"[lidar]\rx_m = 7\r")
     with pytest.raises(UserError, match=r"line 2: lidar\.x_m"):
         load_config(path)
+
+
+def test_rates_have_no_unit_of_the_screen():
+    for text, bound in (
+        ("[lidar]\nrange_steepness_per_m = 900.0\n", "less than 100"),
+        ("[camera.front]\nbeyond_noise_per_rad = -1.0\n", "greater than or equal to 0"),
+    ):
+        with pytest.raises(UserError) as caught:
+            parse_config(text, "robot.toml")
+        assert caught.value.why.endswith(f"must be {bound}")
+
+
+def test_the_links_key_is_in_no_error():
+    for key in (
+        "' 0123456789abcdef'",
+        f"'{300 * '0123456789abcdef'}'",
+        "'0123456789'",
+        "123456789",
+    ):
+        with pytest.raises(UserError) as caught:
+            parse_config(f"[link]\nkey = {key}\n", "robot.toml")
+        assert "link.key" in str(caught.value) or "key has" in str(caught.value)
+        assert "12345" not in str(caught.value)

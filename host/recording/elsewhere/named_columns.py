@@ -77,6 +77,13 @@ def read_paths(path: Path, units: Units) -> list[BodyPath]:
             _number(row[k], path, number, name) for k, name in zip(columns, NUMBERS, strict=True)
         ]
         track = found.setdefault("" if body is None else row[body].strip(), [])
+        if track and values[0] == track[-1][0]:
+            raise wrong_line(
+                path,
+                number,
+                f"its time ({row[columns[0]]}) is that of the line before",
+                "if times were rounded, export them with more digits; else remove one of both",
+            )
         if math.isnan(values[0]) or (track and values[0] <= track[-1][0]):
             raise wrong_line(
                 path,

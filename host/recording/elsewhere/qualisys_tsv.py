@@ -109,7 +109,7 @@ def _body(path: Path, name: str, times: FloatArray, columns: dict[str, FloatArra
     )
     if set(_MATRIX) <= set(columns):
         matrices = np.stack([columns[k] for k in _MATRIX], axis=1).reshape(-1, 3, 3)
-        seen = np.isfinite(matrices).all(axis=(1, 2)) & (np.abs(np.linalg.det(matrices)) > 0.5)
+        seen = np.isfinite(matrices).all(axis=(1, 2)) & (np.linalg.det(matrices) > 0.5)
         rotations = Rotation.from_matrix(np.swapaxes(matrices[seen], 1, 2)) if seen.any() else None
     elif set(_ANGLES) <= set(columns):
         angles = np.stack([columns[k] for k in _ANGLES], axis=1)

@@ -76,7 +76,8 @@ def test_units_bodies_comments_and_other_columns(file):
         ("time,x,y\n0,0,0\n", "no column is called heading"),
         ("time,x,x,y,heading\n", "more than one column is called x"),
         ("time,x,y,heading\n", "no line with numbers"),
-        ("time,x,y,heading\n0,0,0,0\n0,1,1,1\n", "line 3 .*\n.*does not come after"),
+        ("time,x,y,heading\n0,0,0,0\n0,1,1,1\n", "line 3 .*\n.*that of the line before\n.*rounded"),
+        ("time,x,y,heading\n1,0,0,0\n0,1,1,1\n", "line 3 .*\n.*does not come after"),
         ("time,x,y,heading\n0,0,zero,0\n", "line 2 .*\ny is no number: 'zero'"),
         ("time,x,y,heading\n0,0,0\n", "line 2 .*\n.*3 of 4 cells"),
         ("time,x,y,heading\n0,00,1,20,1,35,0,01\n", "8 of 4 cells: do decimals stand after"),
@@ -246,6 +247,17 @@ def test_an_export_of_qualisys(file, title, matrix, time):
         assert body.times == pytest.approx([0.0, 0.02])
         assert body.poses[:, :2] == pytest.approx(np.array([[1.0, -0.5], [1.002, -0.5]]))
         assert body.poses[:, 2] == pytest.approx([0.5, -2.5], abs=4e-3)
+
+
+def test_a_mirrored_rotation_of_qualisys_is_no_pose(file):
+    *head, first, lost, last = qualisys().splitlines()
+    cells = first.split("\t")
+    for column in (9, 12, 15):  # Rot's first row, of body r1
+        cells[column] = f"{-float(cells[column]):.5f}"
+    text = "\n".join([*head, "\t".join(cells), lost, last]) + "\n"
+    mirrored, other = read_truth(file(text), Units())
+    assert mirrored.times == pytest.approx([0.02])
+    assert other.times == pytest.approx([0.0, 0.02])
 
 
 @pytest.mark.parametrize(
