@@ -55,10 +55,11 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run, as click's own; a screen or disk that takes no more ends it in words."""
+        self._debug = False  # as the option, once it is read
         try:
             return super().main(*args, **extra)
         except OSError as error:
-            if error.errno not in _OUTPUT_FAILED:
+            if error.errno not in _OUTPUT_FAILED or self._debug:
                 raise
             where = error.filename or "the output"
             Failure(f"cannot write {where}\n{error.strerror}\nmake room, or write elsewhere").show()
@@ -71,7 +72,8 @@ class Commands(click.Group):
             return self._invoke(ctx)
 
     def _invoke(self, ctx: click.Context) -> Any:
-        if ctx.params["debug"]:
+        self._debug = ctx.params["debug"]
+        if self._debug:
             return super().invoke(ctx)
         try:
             return super().invoke(ctx)

@@ -163,6 +163,8 @@ def test_streams_that_are_full_or_closed_are_said(
     with pytest.raises(SystemExit, match="1"):
         main.main(["--help"])
     assert "cannot write the output\nNo space left" in capsys.readouterr().err
+    with pytest.raises(OSError, match="No space left"):
+        main.main(["--debug", "init", "--help"])
 
 
 def test_what_a_terminal_cannot_show_is_no_failure() -> None:
