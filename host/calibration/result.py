@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 from host.messages import FloatArray
 
 _APART_SIGMAS, _APART_LIMITS = 6.0, 2.0  # beyond both, the halves of the data disagree
+_MUCH_LONGER = 20.0  # times
 _MOST_POINTS = 2000  # of a series
 _DRIVEN = "straight on, in wide and narrow curves both ways, at more than one speed"
 _AROUND = "with teammates near and far, all around, while the robot rotates both ways"
@@ -79,10 +80,15 @@ class Fitted:
 
     @property
     def next_step(self) -> str:
-        """What to do where it does not pass: sigma falls with the root of the time recorded."""
+        """What to do where it does not pass: sigma falls with the root of the time recorded.
+
+        Much longer is no advice: what shows the value is hardly in the drive.
+        """
         longer = (self.sigma / self.limit) ** 2 if self.limit else math.nan
         if not longer < math.inf:
             return "record again"
+        if longer > _MUCH_LONGER:
+            return "this drive hardly shows it: record again"
         if longer <= 1.0:  # the halves disagree
             return "see that nothing is loose, slips or is pushed, and record again"
         return f"record about {max(longer, 1.1):.2g} times as long"

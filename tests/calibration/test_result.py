@@ -19,6 +19,8 @@ def test_a_sigma_too_large_says_how_much_longer_to_record() -> None:
     (said,) = failures("lidar", 1.2 * LIMIT)
     assert "record about 1.4 times as long, with teammates" in said
     assert "calibrate wheels" in said
+    (hidden,) = failures("wheels", 30.0 * LIMIT)
+    assert "this drive hardly shows it: record again, straight on, in wide" in hidden
     (hair,) = failures("wheels", 1.000001 * LIMIT)
     assert "record about 1.1 times as long, straight on, in wide and narrow curves" in hair
 

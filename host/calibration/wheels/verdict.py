@@ -145,8 +145,8 @@ def verdict(found: Fit, driven: Coverage, wheels: Wheels) -> tuple[Check, ...]:
     worst = int(np.argmax(np.abs(off)))
     rotations = [
         at_least(f"rotation to the {side}", angle, LEAST_TURN_RAD, "deg").otherwise(
-            f"the robot rotates to the {side} by {math.degrees(angle):.0f} deg only: rotating one "
-            "way, or going straight on, does not separate the track from the wheels' radii; "
+            f"the robot rotates to the {side} by {abs(math.degrees(angle)):.0f} deg only: rotating "
+            "one way, or going straight on, does not separate the track from the wheels' radii; "
             f"rotate to the {side} too"
         )
         for side, angle in (("left", driven.left_rad), ("right", driven.right_rad))
