@@ -47,7 +47,8 @@ def check_cells(check: Check) -> tuple[str, str, str]:
     """What a check found, what it needs (on which side of its bound), and "ok" or "fails"."""
     found, needed = "–", ""
     if math.isfinite(check.value):
-        value = f"{check.value:.4g}" if check.passed else distinct(check.value, check.threshold)
+        plain = f"{round(check.value, 9):.4g}"  # rounding errors of zero are 0
+        value = plain if check.passed else distinct(check.value, check.threshold)
         found = f"{value} {check.unit}".rstrip()
     if math.isfinite(check.threshold):
         side = "≥" if check.side == "at least" else "≤"

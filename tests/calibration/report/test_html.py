@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from host.calibration.report.diagram import ROLES
 from host.calibration.report.html import as_html, write_html
-from host.calibration.report.text import as_json, as_text
+from host.calibration.report.text import as_json, as_text, check_cells
 from host.calibration.result import (
     Calibration,
     Check,
@@ -349,3 +349,8 @@ def test_halves_may_differ_by_six_sigmas_or_two_limits(
     row = dataclasses.replace(HEADING, value=middle, sigma=sigma, limit=limit, halves=halves)
     for each in (row, dataclasses.replace(row, halves=halves[::-1])):
         assert ("two halves" in each.failure) == (apart > 1.0)
+
+
+def test_rounding_errors_of_zero_are_shown_as_zero():
+    jitter = at_most("lateness", 3.9e-15, 0.005, "ms").otherwise("(never shown)")
+    assert check_cells(jitter) == ("0 ms", "≤ 5 ms", "ok")
