@@ -33,6 +33,7 @@ _KINDS = {
     "float_type": "a number",
     "bool_type": "true or false",
     "string_type": "text in quotes",
+    "string_too_short": "text that is not empty",
     "tuple_type": "a list of tables: write [[{key}]] above each",
 }
 

@@ -50,7 +50,12 @@ def _source(word: str, example: str) -> AfterValidator:
 # TOML has lists; the configuration, which does not change, has tuples.
 listed = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 Line = Annotated[str, Field(max_length=200), AfterValidator(_printable), AfterValidator(_trimmed)]
-Text = Annotated[Line, Field(min_length=1)]
+Text = Annotated[
+    str,
+    Field(min_length=1, max_length=200),
+    AfterValidator(_printable),
+    AfterValidator(_trimmed),
+]
 Port = Annotated[Text, _source("auto", "/dev/ttyUSB0")]
 Pictures = Annotated[Text, _source("none", "/dev/video0")]
 

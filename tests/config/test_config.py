@@ -334,6 +334,7 @@ def test_a_configuration_written_whole_is_read_back(pattern: str) -> None:
             "line 3: camera.front: centre_x_px (959.5) must lie in the picture",
         ),
         (f"[link]\nkey = '{300 * 'k'}'\n", "line 2: link.key: must have at most 200 characters"),
+        ("[board]\nport = ''\n", "board.port = '': must be text that is not empty"),
         ("[lidar]\nheading_rad = 45\n", "45 deg are 0.785398 rad"),
         ("[wheels]\nleft_radius_m = 32.5\n", "32.5 mm are 0.0325 m"),
         ("[lidar]\ndelay_s = 150\n", "150 ms are 0.15 s"),
