@@ -88,7 +88,7 @@ def test_it_says_in_words_what_it_draws(served, browser):
     assert rows[1][:3] == ["2", "2.00", "-90"]
     said = browser.driver.execute_script("return document.getElementById('devices').textContent")
     assert said == "lidarFAIL: scanning"
-    assert browser.driver.find_element("id", "state").text == "live"
+    browser.wait_for("document.getElementById('state').textContent === 'live'")
 
 
 def test_pause_zoom_and_measure_by_keyboard_and_pointer(served, browser):
