@@ -22,6 +22,7 @@ _PLACE, _ANGLES = ("X", "Y", "Z"), ("Roll", "Pitch", "Yaw")
 _MATRIX = tuple(f"Rot[{k}]" for k in range(9))
 _MM = 1e-3
 _MOST_ROWS_ABOVE = 20
+_LARGEST = 1.1  # of a rotation's numbers
 _NEXT = "export the 6DOF data of the bodies in QTM, as TSV with the header and column names"
 
 
@@ -109,7 +110,8 @@ def _body(path: Path, name: str, times: FloatArray, columns: dict[str, FloatArra
     )
     if set(_MATRIX) <= set(columns):
         matrices = np.stack([columns[k] for k in _MATRIX], axis=1).reshape(-1, 3, 3)
-        seen = np.isfinite(matrices).all(axis=(1, 2)) & (np.linalg.det(matrices) > 0.5)
+        seen = (np.abs(matrices) < _LARGEST).all(axis=(1, 2))
+        seen[seen] = np.linalg.det(matrices[seen]) > 0.5
         rotations = Rotation.from_matrix(np.swapaxes(matrices[seen], 1, 2)) if seen.any() else None
     elif set(_ANGLES) <= set(columns):
         angles = np.stack([columns[k] for k in _ANGLES], axis=1)

@@ -60,6 +60,8 @@ def _block(path: Path, rows: list[list[str]], begin: int) -> list[PosedBody]:
     table = _numbers(path, rows, begin + _HEAD, len(head[3]))
     scale = np.array([_UNITS.get(cell, math.nan) for cell in _filled(head[4], len(head[3]))])
     begins = [k for k, cell in enumerate(_filled(head[2], len(head[3]))) if cell]
+    if not begins:
+        raise wrong_line(path, begin + 3, "the bodies' names are missing", _NEXT)
     ends = [*begins[1:], len(head[3])]
     return [
         _body(path, head[2][first], table[:, 0] / rate, dict(zip(names, columns, strict=True)))
@@ -106,6 +108,6 @@ def _body(path: Path, title: str, times: FloatArray, columns: dict[str, FloatArr
             f"RX and RY are {math.degrees(np.nanmedian(leaning)):.0f} deg from zero",
             "let the object's z-axis point up in Vicon, with z up, and export again",
         )
-    half = 0.5 * rotation[:, 2]
+    half = np.where(np.isfinite(rotation[:, 2]), 0.5 * rotation[:, 2], math.nan)
     level = np.zeros((len(half), 2))
     return posed_body(name, times, positions, np.column_stack((level, np.sin(half), np.cos(half))))

@@ -201,6 +201,10 @@ def test_an_export_of_vicon(file, kind, angle, unit, cells):
         (("1010,2000", "1010,?"), "line 7 (.|\n)*no numbers"),
         (("0.01,0.02", "1.57,0.02"), "does not stand upright(.|\n)*90 deg"),
         ((",RZ,TX", ",R,TX"), "has no rotation"),
+        (
+            (",,Global Angle Robot1:Robot1,,,,,,Global Angle Box:Box", ""),
+            "line 3 .*(.|\n)*the bodies' names are missing",
+        ),
     ],
 )
 def test_what_is_wrong_with_an_export_of_vicon_is_named(file, change, words):
@@ -249,15 +253,21 @@ def test_an_export_of_qualisys(file, title, matrix, time):
         assert body.poses[:, 2] == pytest.approx([0.5, -2.5], abs=4e-3)
 
 
-def test_a_mirrored_rotation_of_qualisys_is_no_pose(file):
+@pytest.mark.parametrize("wrong", ["mirrored", "inf", "nan", "1e300"])
+def test_what_is_no_rotation_is_no_pose(file, wrong):
     *head, first, lost, last = qualisys().splitlines()
     cells = first.split("\t")
     for column in (9, 12, 15):  # Rot's first row, of body r1
-        cells[column] = f"{-float(cells[column]):.5f}"
+        cells[column] = f"{-float(cells[column]):.5f}" if wrong == "mirrored" else wrong
     text = "\n".join([*head, "\t".join(cells), lost, last]) + "\n"
-    mirrored, other = read_truth(file(text), Units())
-    assert mirrored.times == pytest.approx([0.02])
+    body, other = read_truth(file(text), Units())
+    assert body.times == pytest.approx([0.02])
     assert other.times == pytest.approx([0.0, 0.02])
+
+
+def test_an_infinite_angle_of_vicon_is_no_pose(file):
+    text = VICON.format(kind="Objects", angle="rad").replace("0.02,0.6", "0.02,inf")
+    assert read_truth(file(text), Units())[0].times == pytest.approx([0.01, 0.04])
 
 
 @pytest.mark.parametrize(
