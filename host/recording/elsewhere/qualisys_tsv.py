@@ -110,12 +110,13 @@ def _body(path: Path, name: str, times: FloatArray, columns: dict[str, FloatArra
     )
     if set(_MATRIX) <= set(columns):
         matrices = np.stack([columns[k] for k in _MATRIX], axis=1).reshape(-1, 3, 3)
-        seen = (np.abs(matrices) < _LARGEST).all(axis=(1, 2))
+        seen = np.asarray((np.abs(matrices) < _LARGEST).all(axis=(1, 2)))
         seen[seen] = np.linalg.det(matrices[seen]) > 0.5
         rotations = Rotation.from_matrix(np.swapaxes(matrices[seen], 1, 2)) if seen.any() else None
     elif set(_ANGLES) <= set(columns):
         angles = np.stack([columns[k] for k in _ANGLES], axis=1)
-        seen = np.isfinite(angles).all(axis=1) & (positions.any(axis=1) | angles.any(axis=1))
+        moved = positions.any(axis=1) | angles.any(axis=1)
+        seen = np.asarray(np.isfinite(angles).all(axis=1) & moved)
         rotations = Rotation.from_euler("XYZ", angles[seen], degrees=True) if seen.any() else None
     else:
         raise UserError(f"{path}: body {name} has no rotation", "Rot and Yaw are missing", _NEXT)
