@@ -48,7 +48,12 @@ def tags_in_file(path: Path, ceiling: Ceiling) -> FloatArray:
 def _folder(path: Path) -> Iterator[tuple[str, Image]]:
     for each in sorted(path.iterdir()):
         if each.suffix.lower() in _SUFFIXES:
-            yield str(each), _decoded(str(each), each.read_bytes())
+            try:
+                data = each.read_bytes()
+            except OSError as error:
+                why = error.strerror or str(error)
+                raise UserError(f"cannot read the picture {each}", why, "remove it") from error
+            yield str(each), _decoded(str(each), data)
 
 
 def _film(path: Path, ceiling: Ceiling) -> Iterator[tuple[str, Image]]:
@@ -67,7 +72,7 @@ def _film(path: Path, ceiling: Ceiling) -> Iterator[tuple[str, Image]]:
 
 
 def _decoded(name: str, data: bytes) -> Image:
-    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     if grey is None:
         raise UserError(f"{name} is no picture", "it cannot be decoded", "remove it")
     return np.asarray(grey, dtype=np.uint8)

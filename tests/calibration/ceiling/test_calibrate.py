@@ -131,6 +131,17 @@ def test_pictures_are_read_from_a_folder_and_a_film(tmp_path: Path) -> None:
         tags_in_file(tmp_path, small)
 
 
+def test_what_is_no_picture_in_a_folder_is_named(tmp_path: Path) -> None:
+    empty = tmp_path / "1.jpg"
+    empty.touch()
+    with pytest.raises(UserError, match=r"1\.jpg is no picture"):
+        tags_in_file(tmp_path, TOLD)
+    empty.unlink()
+    empty.symlink_to(tmp_path / "gone.jpg")
+    with pytest.raises(UserError, match=r"(?s)cannot read the picture .*1\.jpg.*No such file"):
+        tags_in_file(tmp_path, TOLD)
+
+
 def test_the_delay_is_what_the_wheels_lag_by() -> None:
     late = 0.08
     made = wandering(3, 60.0)
