@@ -154,12 +154,10 @@ class BackgroundFile:
         except BrokenPipeError as error:
             self.failed = True
             self._left.clear()
-            raise self._failure() from error
+            raise self._failure(self._words.read(_WORDS)) from error
 
-    def _failure(self) -> UserError:
-        return unwritable(
-            self._path, self._words.read(_WORDS).decode() or "the process that writes it was killed"
-        )
+    def _failure(self, words: bytes) -> UserError:
+        return unwritable(self._path, words.decode() or "the process that writes it was killed")
 
     def close(self) -> None:
         """Let the other process write what is left. Raises UserError where it cannot, in time."""
@@ -179,8 +177,9 @@ class BackgroundFile:
                 if not known:
                     raise _too_slow(len(self._left)) from None
             else:
-                if not known and (words := self._words.read(_WORDS)):
-                    raise unwritable(self._path, words.decode())
+                words = self._words.read(_WORDS)
+                if not known and (words or self._process.returncode):
+                    raise self._failure(words)
 
 
 def _started(path: Path) -> subprocess.Popen[bytes]:

@@ -17,7 +17,7 @@ from host.errors import UserError
 from host.messages import Bearings, Estimate, Health, Message, Scan
 from host.pipeline import Pipeline
 from host.recording import background
-from host.recording.background import BackgroundRecorder
+from host.recording.background import BackgroundFile, BackgroundRecorder
 from host.recording.log import Recorder, Recording, RecordingHeader
 
 HEADER = RecordingHeader(RobotConfig(), "lidar")
@@ -161,7 +161,7 @@ RUN_AND_BE_KILLED = """
 import os, pathlib, signal, sys
 from host.config import RobotConfig
 from host.messages import Health
-from host.recording.background import BackgroundRecorder
+from host.recording.background import BackgroundFile, BackgroundRecorder
 from host.recording.log import RecordingHeader
 recorder = BackgroundRecorder(pathlib.Path(sys.argv[1]), RecordingHeader(RobotConfig(), "lidar"))
 os.kill(recorder.pid, signal.SIGTERM)  # as systemd does with all processes of a service
@@ -226,3 +226,12 @@ def test_a_full_disk_does_not_end_the_run(small_disk):
     assert not said.ok
     assert "No space left on device" in said.reason
     assert isinstance(taken[-1], Scan | Estimate | Health)
+
+
+def test_a_writing_process_that_is_killed_before_the_end_is_said_at_the_end(tmp_path):
+    file = BackgroundFile(tmp_path / "run.mcap")
+    file.write(b"record")
+    file.whole()
+    os.kill(file.pid, signal.SIGKILL)
+    with pytest.raises(UserError, match="process that writes it was killed"):
+        file.close()
