@@ -48,7 +48,7 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         raise cannot_write(path, error, "choose another file") from error
     if not existed:
-        path.unlink()
+        path.resolve().unlink()  # not a link to it
 
 
 def _checked(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:

@@ -134,7 +134,8 @@ def test_settings_that_robot_toml_cannot_hold_leave_no_file(
     done = CliRunner().invoke(main, ["init", "--set", f"link.key={key}", "--json", "i.json"])
     assert done.exit_code == 0, done.output
     content = json.loads((tmp_path / "i.json").read_text())
-    assert content["result"] == {"file": "robot.toml", "settings": {"link.key": key}}
+    assert content["result"] == {"file": "robot.toml", "settings": {"link.key": "(as given)"}}
+    assert f'key = "{key}"' in (tmp_path / "robot.toml").read_text()
 
 
 def test_a_printed_strip_has_its_figures_in_the_envelope(

@@ -86,6 +86,14 @@ def test_what_is_in_a_file_stays_until_there_are_new_figures(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_link_to_a_file_that_is_not_there_yet_stays(tmp_path: Path) -> None:
+    link, target = tmp_path / "latest.json", tmp_path / "today.json"
+    link.symlink_to(target)
+    check_writable(link)
+    assert link.is_symlink()
+    assert not target.exists()
+
+
 def test_figures_reach_the_screen_where_their_file_has_become_unwritable(tmp_path: Path) -> None:
     @click.command()
     def late() -> None:
