@@ -61,10 +61,10 @@ class Tally:
         return figures
 
     def devices(self) -> dict[str, dict[str, Any]]:
-        """The last health of each device."""
+        """The last health of each device, in the order of their names."""
         return {
             name: {"ok": health.ok, "reason": health.reason, "counts": health.counts}
-            for name, health in self.health.items()
+            for name, health in sorted(self.health.items())
         }
 
 

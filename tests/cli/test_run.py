@@ -253,7 +253,7 @@ def test_without_devices_it_goes_on_and_says_what_is_missing(tmp_path: Path):
     assert "Summary" in done.stdout
     what, why, next_step = done.stderr.splitlines()
     assert what == "swarmloc: nothing was measured"
-    assert why == "lidar: cannot open /dev/no-lidar; board: cannot open /dev/no-board"
+    assert why == "board: cannot open /dev/no-board; lidar: cannot open /dev/no-lidar"
     assert "--simulate arena4" in next_step
 
 
