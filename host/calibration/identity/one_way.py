@@ -79,7 +79,7 @@ def _goes_back(moved: Moved, wrong: Sequence[tuple[float, float]]) -> BoolArray:
         sound &= (moved.starts + _WINDOW_S < begin) | (moved.starts > end)
     back = np.zeros(moved.ways.shape, dtype=bool)
     ways, motions, weights = moved.ways[sound], body[sound], np.ones((sound.sum(), 1))
-    if np.linalg.matrix_rank(ways) < 2:
+    if not len(ways) or np.linalg.matrix_rank(ways) < 2:  # older numpy: no rank of no rows
         return back
     for _ in range(_PASSES):
         by_ways = np.linalg.lstsq(ways * weights, motions * weights, rcond=None)[0]
