@@ -12,17 +12,13 @@ from host.recording.elsewhere.bag_poses import is_bag, read_bag_bodies
 from host.recording.elsewhere.motive_csv import read_take
 from host.recording.elsewhere.motive_table import is_motive
 from host.recording.elsewhere.named_columns import BodyPath, Units, read_paths
+from host.recording.elsewhere.posed_body import PosedBody
 from host.recording.elsewhere.qualisys_tsv import is_qualisys, read_qualisys
+from host.recording.elsewhere.text_table import read_rows
 from host.recording.elsewhere.vicon_csv import is_vicon, read_vicon
 
 _LEVEL_M = 0.1  # by more, what drives on a floor does not rise
-
-
-_POSED = (
-    (is_bag, read_bag_bodies),
-    (is_vicon, read_vicon),
-    (is_qualisys, read_qualisys),
-)
+_FORMS = "give an export of Motive, Vicon or QTM, a CSV with named columns, or a ROS bag"
 
 
 def read_truth(path: Path, units: Units) -> list[BodyPath]:
@@ -31,19 +27,24 @@ def read_truth(path: Path, units: Units) -> list[BodyPath]:
 
     Raises UserError naming what of the file cannot be read.
     """
-    for is_one, read in _POSED:
-        if is_one(path):
-            return [
-                _body_path(body.name, body.times, body.positions, body.quaternions, "z")
-                for body in read(path)
-            ]
-    if not is_motive(path):
+    if is_bag(path):
+        return _posed(read_bag_bodies(path))
+    rows, _ = read_rows(path, _FORMS)
+    if is_vicon(rows):
+        return _posed(read_vicon(path))
+    if is_qualisys(rows):
+        return _posed(read_qualisys(path))
+    if not is_motive(rows):
         return read_paths(path, units)
     take = read_take(path)
     return [
         _body_path(b.name, take.times[seen], b.positions[seen], b.quaternions[seen], "y")
         for b, seen in ((body, body.tracked) for body in take.bodies)
     ]
+
+
+def _posed(bodies: list[PosedBody]) -> list[BodyPath]:
+    return [_body_path(b.name, b.times, b.positions, b.quaternions, "z") for b in bodies]
 
 
 def _body_path(

@@ -14,7 +14,7 @@ import numpy as np
 
 from host.errors import UserError
 from host.messages import FloatArray, IntArray
-from host.recording.elsewhere.text_table import FORMS, is_comment, number_of, read_rows
+from host.recording.elsewhere.text_table import is_comment, number_of, read_rows
 
 FORMATS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
 UNITS_M = {"Meters": 1.0, "Centimeters": 0.01, "Millimeters": 0.001}
@@ -51,9 +51,8 @@ class Table:
     values: FloatArray
 
 
-def is_motive(path: Path) -> bool:
-    """Whether a file is an export of Motive, of whichever format. Raises UserError for no text."""
-    rows, _ = read_rows(path, FORMS)
+def is_motive(rows: list[list[str]]) -> bool:
+    """Whether the rows of a file are those of an export of Motive, of whichever format."""
     return bool(rows) and rows[_begin(rows)][:1] == ["Format Version"]
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from host.errors import UserError
 from host.messages import FloatArray
 from host.recording.elsewhere.posed_body import PosedBody, posed_body
-from host.recording.elsewhere.text_table import FORMS, number_of, read_rows, wrong_line
+from host.recording.elsewhere.text_table import number_of, read_rows, wrong_line
 
 _PLACE, _ANGLES = ("X", "Y", "Z"), ("Roll", "Pitch", "Yaw")
 _MATRIX = tuple(f"Rot[{k}]" for k in range(9))
@@ -26,9 +26,8 @@ _LARGEST = 1.1  # of a rotation's numbers
 _NEXT = "export the 6DOF data of the bodies in QTM, as TSV with the header and column names"
 
 
-def is_qualisys(path: Path) -> bool:
-    """Whether a file is an export of QTM. Raises UserError for no text."""
-    rows, _ = read_rows(path, FORMS)
+def is_qualisys(rows: list[list[str]]) -> bool:
+    """Whether the rows of a file are those of an export of QTM."""
     return any(row[:1] == ["DATA_INCLUDED"] for row in rows[:_MOST_ROWS_ABOVE])
 
 

@@ -13,7 +13,6 @@ from host.errors import UserError
 
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _DELIMITERS = ",;\t"
-FORMS = "give an export of Motive, Vicon or QTM, a CSV with named columns, or a ROS bag"
 
 
 def read_rows(path: Path, next_step: str) -> tuple[list[list[str]], bool]:

@@ -16,7 +16,7 @@ import numpy as np
 from host.errors import UserError
 from host.messages import FloatArray
 from host.recording.elsewhere.posed_body import PosedBody, posed_body
-from host.recording.elsewhere.text_table import FORMS, number_of, read_rows, wrong_line
+from host.recording.elsewhere.text_table import number_of, read_rows, wrong_line
 
 _KINDS = ("objects", "segments")
 _OTHER_KINDS = ("trajectories", "devices", "joints", "model outputs")
@@ -28,9 +28,8 @@ _HEAD = 5  # rows above the numbers
 _NEXT = "export the objects of Tracker, or the segments of Nexus, with their global poses"
 
 
-def is_vicon(path: Path) -> bool:
-    """Whether a file is such an export. Raises UserError for no text."""
-    rows, _ = read_rows(path, FORMS)
+def is_vicon(rows: list[list[str]]) -> bool:
+    """Whether the rows of a file are such an export's."""
     first = next((row[0] for row in rows if row), "").strip().lower()
     return first in (*_KINDS, *_OTHER_KINDS)
 
