@@ -11,7 +11,7 @@ import click
 from host.calibration import robot_file
 from host.cli.files import OutputFile, json_option, write_json
 from host.config import RobotConfig, Section, load_config
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.folders import data_folder
 from host.sources.discovery import found_devices
 
@@ -120,9 +120,6 @@ def _write(file: Path, text: str) -> None:
             "name another file, move this one away first, or change it: --find, --set KEY=VALUE",
         ) from error
     except OSError as error:
-        raise UserError(
-            f"cannot write {file}",
-            error.strerror or str(error),
-            "name a file in a folder that exists and that you can write",
-        ) from error
+        next_step = "name a file in a folder that exists and that you can write"
+        raise cannot_write(file, error, next_step) from error
     click.echo(f"wrote {file}: every setting, with its unit, meaning and default")

@@ -17,7 +17,7 @@ from typing import Any
 import tomlkit
 
 from host.config import RobotConfig
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.evaluation.metrics import Row
 from host.evaluation.mrclam_scoring import MRCLAM_ROBOT
 from host.experiments import belaroussi, paper_figure, perera
@@ -121,6 +121,4 @@ def _new(parent: Path, name: str) -> Path:
 
 
 def _unwritable(path: Path, error: OSError) -> UserError:
-    return UserError(
-        f"cannot write {path}", error.strerror or str(error), "choose another folder: --figures DIR"
-    )
+    return cannot_write(path, error, "choose another folder: --figures DIR")

@@ -59,13 +59,13 @@ def files_in(folder: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def written(folder: Path) -> Iterator[None]:
+def written(folder: Path, what: str = "the firmware") -> Iterator[None]:
     """What is built is written below this folder. Raises UserError where it cannot be."""
     try:
         yield
     except OSError as error:
         raise UserError(
-            "cannot build the firmware",
+            f"cannot build {what}",
             f"{folder}: {error.strerror or error}",
             "check that folder, and the free space on its disk",
         ) from error

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from host.errors import UserError
+from host.errors import UserError, cannot_write
 from host.messages import (
     Bearings,
     Bodies,
@@ -182,11 +182,8 @@ class Tables:
                 f"{self._folder} exists already", "nothing is overwritten", "name another folder"
             ) from error
         except OSError as error:
-            raise UserError(
-                f"cannot write into {self._folder}",
-                error.strerror or str(error),
-                "check the folder and the free space on its disk",
-            ) from error
+            next_step = "check the folder and the free space on its disk"
+            raise cannot_write(f"into {self._folder}", error, next_step) from error
 
     def __enter__(self) -> Self:
         return self

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from host.errors import UserError
+from host.flashing.firmware import written
 from host.folders import build_folder, data_folder
 
 SOURCES = data_folder() / "firmware/simulator"
@@ -101,26 +102,22 @@ def build() -> Path:
 def _compile(sources: list[Path], library: Path) -> None:
     if shutil.which(COMPILE[0]) is None:
         raise _not_built("no C compiler is installed")
-    try:
-        # Built aside, so that whoever looks for it meanwhile finds it whole or not at all.
-        with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-            made = Path(folder) / library.name
-            result = subprocess.run(
-                [*COMPILE, "-o", str(made), *map(str, sources), *LIBRARIES],
-                capture_output=True,
-                text=True,
-                errors="replace",
-                check=False,
-            )
-            if result.returncode != 0:
-                raise _not_built(_cause(result.stderr))
-            os.replace(made, library)
-    except OSError as error:
-        raise UserError(
-            "cannot build the board's simulator",
-            f"{library.parent}: {error.strerror or error}",
-            "check that folder, and the free space on its disk",
-        ) from error
+    # Built aside, so that whoever looks for it meanwhile finds it whole or not at all.
+    with (
+        written(library.parent, "the board's simulator"),
+        tempfile.TemporaryDirectory(dir=library.parent) as folder,
+    ):
+        made = Path(folder) / library.name
+        result = subprocess.run(
+            [*COMPILE, "-o", str(made), *map(str, sources), *LIBRARIES],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+        if result.returncode != 0:
+            raise _not_built(_cause(result.stderr))
+        os.replace(made, library)
 
 
 def _cause(messages: str) -> str:
