@@ -18,13 +18,13 @@ from host.behaviour.obstacles import Obstacles
 from host.behaviour.safety import ODOMETRY_S, PERIOD_S, SCAN_S, SILENCE_S, Safety
 from host.config import RobotConfig
 from host.drivers.health import HealthReporter
+from host.drivers.x4.liveness import FROZEN_RETURNS, Repeats
 from host.geometry import Path, rotation, to_frame, to_parent
 from host.messages import Displacement, Estimate, FloatArray, Message, Scan
 
 DRIVER = "driver"
 
 _SPEED_S = 0.1  # over which the robot's own speed is taken
-_FROZEN_RETURNS = 20  # fewer may be the same by chance
 _COAST_S = 0.3  # after the last report of the wheels
 
 # Sends a speed (m/s) and a turn rate (rad/s) to the board.
@@ -58,7 +58,7 @@ class Driving:
         self._lock = threading.Lock()
         self._path = Path()
         self._obstacles = Obstacles(config.lidar)
-        self._last_ranges: FloatArray = np.zeros(0)
+        self._repeats = Repeats()
         self._steps: deque[Displacement] = deque()
         self._speeds = 0.0, 0.0
         self._estimate: Estimate | None = None
@@ -72,14 +72,10 @@ class Driving:
                 self._measure_speeds(message)
         elif isinstance(message, Scan):
             with self._lock:
-                if not self._is_frozen(message):
+                self._repeats.add(message.ranges)
+                frozen = np.count_nonzero(message.ranges) >= FROZEN_RETURNS and self._repeats.count
+                if not frozen:
                     self._obstacles.add(message, self._path)
-
-    def _is_frozen(self, scan: Scan) -> bool:
-        """Is a revolution the last one again? The noise of a measurement makes each different."""
-        same = np.array_equal(scan.ranges, self._last_ranges)
-        self._last_ranges = scan.ranges
-        return same and int(np.count_nonzero(scan.ranges)) >= _FROZEN_RETURNS
 
     def know(self, estimate: Estimate) -> None:
         """Receive the present estimate, in the localizer's thread."""

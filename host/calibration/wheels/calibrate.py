@@ -55,7 +55,7 @@ def calibrate(
     found = with_other_paths(found, driven)
     halves = _halves(drives, found.counts, wheels, mocap)
     scale = scale_of(found.values, found.covariance, wheels, known)
-    words = [f"{absurd} row(s) of ticks that no wheel can count: taken for what is around them"]
+    words = f"{absurd} row(s) of ticks that no wheel can count: taken for what is around them"
     other_counts = found.counts != wheels.counts_per_turn
     return Calibration(
         kind="wheels",
@@ -71,7 +71,7 @@ def calibrate(
         ),
         residuals=residuals(found),
         warnings=(
-            *words[: min(absurd, 1)],
+            *([words] if absurd else []),
             *warnings(driven),
             *scale.warnings(mocap),
             *rounding_warnings([d.truth_times if d.stamps is None else d.stamps for d in drives]),

@@ -21,7 +21,7 @@ _SPEED_TOLERANCE = 0.04
 _SAMPLE_TOLERANCE = 0.1
 _FEWEST_RETURNS = 0.005  # as share of the samples; 0.1 come back in the open
 _FROZEN_REVOLUTIONS = 5
-_FROZEN_RETURNS = 20
+FROZEN_RETURNS = 20  # fewer may be the same by chance
 # Recorded X4s see nothing in up to 37 deg of an office, and in two times 120 deg in the open.
 _WIDEST_OPEN_DEG = 45
 _WIDEST_COVER_DEG = 180  # a single straight wall leaves more empty than that
@@ -44,6 +44,20 @@ class _Summary:
     far: IntArray
 
 
+class Repeats:
+    """How many revolutions in a row are the one before again: a measurement's noise differs."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._last: FloatArray | None = None
+
+    def add(self, ranges: FloatArray) -> None:
+        """Take the ranges (n,) m of the next revolution."""
+        same = self._last is not None and np.array_equal(ranges, self._last)
+        self.count = self.count + 1 if same else 0
+        self._last = ranges
+
+
 class Liveness:
     """Collects revolutions and judges the last seconds.
 
@@ -57,8 +71,7 @@ class Liveness:
         self._started: float | None = None
         self._arrived: deque[tuple[float, int]] = deque()  # host time, samples since the start
         self._first: tuple[float, int] | None = None  # of those that arrived
-        self._last: FloatArray | None = None
-        self._frozen = 0
+        self._repeats = Repeats()
 
     def add(self, scan: Scan, speed_hz: float) -> None:
         """Take the next revolution. speed_hz: of the motor, by the angles within its packets."""
@@ -67,9 +80,7 @@ class Liveness:
         returns = np.bincount(degrees[back], minlength=360)
         far = np.bincount(degrees[scan.ranges >= _FAR_M], minlength=360)
         extent = 10 * np.count_nonzero(np.bincount(degrees // 10, minlength=36))
-        same = self._last is not None and np.array_equal(scan.ranges, self._last)
-        self._frozen = self._frozen + 1 if same else 0
-        self._last = scan.ranges
+        self._repeats.add(scan.ranges)
         self._started = scan.time if self._started is None else self._started
         self._summaries.append(
             _Summary(scan.time, len(scan.ranges), speed_hz, int(extent), returns, far)
@@ -148,10 +159,10 @@ class Liveness:
         )
 
     def _frozen_ranges(self, recent: list[_Summary]) -> UserError | None:
-        if self._frozen < _FROZEN_REVOLUTIONS or recent[-1].returns.sum() < _FROZEN_RETURNS:
+        if self._repeats.count < _FROZEN_REVOLUTIONS or recent[-1].returns.sum() < FROZEN_RETURNS:
             return None
         return UserError(
-            f"the ranges are frozen: {self._frozen + 1} identical revolutions",
+            f"the ranges are frozen: {self._repeats.count + 1} identical revolutions",
             "the noise of a measurement makes each one different",
             "unplug both USB leads of the lidar for some seconds",
         )
